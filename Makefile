@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test test-long colcon-test first-use lint train accuracy long change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag robustness pages docs pictures measures sbom audit workspace environment clean
+.PHONY: help demo discover test test-long colcon-test first-use lint train accuracy long change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag robustness measured names lateral pages docs pictures measures sbom audit workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -58,6 +58,15 @@ foreign-bag: workspace  ## turn one of those drives into a bag: make foreign-bag
 
 robustness: workspace  ## judge what is published where the world is not the model's, 1 h on two cores: docs/robustness.md
 	ros2_ws/with python -m studies.robustness $(ARGS)
+
+lateral: workspace  ## the bound of a minute of skid steering, for docs/lateral.md, 15 minutes of one core
+	ros2_ws/with python -m studies.lateral $(ARGS)
+
+measured: workspace  ## judge the contact law on wheels that laboratories measured, 6 minutes of one core: docs/measured.md
+	ros2_ws/with python -m studies.measured $(ARGS)
+
+names: workspace  ## false names on simulated tables of one wheel, 25 minutes of one core: docs/false_names.md
+	ros2_ws/with python -m studies.false_names $(ARGS)
 
 recursion: workspace  ## judge a recursion that never relinearises beside the model's: docs/recursion.md
 	ros2_ws/with python -m studies.recursion $(ARGS)

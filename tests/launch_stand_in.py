@@ -26,6 +26,7 @@ MODULES = (
     "launch.substitutions",
     "launch_ros",
     "launch_ros.actions",
+    "launch_ros.parameter_descriptions",
 )
 OURS = "terrain_estimator.nodes.common.launching"
 NAMES = (
@@ -41,6 +42,7 @@ NAMES = (
     "OnProcessExit",
     "Shutdown",
     "Node",
+    "ParameterValue",
     "ThisLaunchFileDir",
 )
 

@@ -24,6 +24,7 @@ from docs.pages import NODES
 from rover_parameters.parameters import parameters
 from terrain_estimator.dashboard.values import TOPICS as SHOWN
 from terrain_estimator.messaging.slip_source import JOINTS, VELOCITY
+from terrain_estimator.nodes.onboard import divided
 from terrain_estimator.nodes.terrain_map import TOPICS as MAPPED
 from terrain_estimator.nodes.watch import TOPICS as WATCHED
 from terrain_estimator.outcome import Outcome
@@ -44,6 +45,8 @@ PAGES = [
 ]
 POLICY = ROOT / "docs/examples/sros2/policy.xml"
 PACKAGES = ("msg_defs", "rover_parameters", "terramechanics", "rover_sim_node", "terrain_estimator")
+FOREIGN = ("robot_state_publisher",)
+"""Packages of an installed ROS that a page runs."""
 ENDS = (  # of a command; a line that goes on begins with an option in brackets
     r"(?:[^|;&#\n]|\n +\[)*"
 )
@@ -100,7 +103,8 @@ def targets() -> dict[str, str]:
 def commands(page: Path) -> Iterator[tuple[str, str, str]]:
     """Package, executable and arguments of every `ros2 run`, those that make hands on included."""
     for text in code(page):
-        yield from re.findall(rf"ros2 run (\w+) (\w+)({ENDS})", text)
+        found = re.findall(rf"ros2 run (\w+) (\w+)({ENDS})", text)
+        yield from (each for each in found if each[0] not in FOREIGN)
         for target, arguments in re.findall(r'make ([a-z-]+) ARGS="([^"]*)"', text):
             for package, name in re.findall(r"ros2 run (\w+) (\w+) \$\(ARGS\)", targets()[target]):
                 yield package, name, arguments
@@ -170,8 +174,9 @@ def test_executables_exist_and_know_their_options(page: Path) -> None:
         own = arguments.partition("--ros-args")[0]
         if options := set(re.findall(r"(?<![\w-])--[a-z-]+", own)) - {"--help"}:
             module = executables()[package, name]
-            table = ("--wheel-table", "FILE") if "--wheel-table" in options else ()
-            known = {"--dump-config"} if name in NODES else known_options(module, *table)
+            form = re.findall(r"^ (replay|discover)\b", own)
+            form += ["--wheel-table", "FILE"] if "--wheel-table" in options else []
+            known = {"--dump-config"} if name in NODES else known_options(module, *form)
             assert options <= known, f"{name}: {options - known}"
 
 
@@ -205,7 +210,11 @@ def test_topics_services_and_pinned_packages_are_those_of_the_project(page: Path
 
 @every_page
 def test_parameters_are_those_of_the_node(page: Path) -> None:
-    for _, name, arguments in commands(page):
+    every = [(name, arguments) for _, name, arguments in commands(page)]
+    together = [divided(arguments.split()) for name, arguments in every if name == "onboard"]
+    every = [each for each in every if each[0] != "onboard"]
+    every += [(name, " ".join(words)) for own in together for name, words in own.items()]
+    for name, arguments in every:
         given = set(re.findall(r"-p ([a-z_.]+):=", arguments))
         node = {"replay": "estimator", "add_slip": "slip_source"}.get(name, name)
         if given:
@@ -269,7 +278,7 @@ def test_the_policy_has_an_enclave_of_every_node_and_the_page_makes_its_keys() -
     nodes = {
         name
         for (_, name), module in executables().items()
-        if ".nodes." in module or module == "rover_sim_node.simulator"
+        if (".nodes." in module and name != "onboard") or module == "rover_sim_node.simulator"
     }
     enclaves = ET.parse(POLICY).findall(".//enclave")
     profiles = {
@@ -293,7 +302,7 @@ def test_the_policy_has_an_enclave_of_every_node_and_the_page_makes_its_keys() -
         ("planner", {"traction_advice"}, {*INPUT_TYPES, "terrain_estimate"}),
         ("dashboard", set(), set(SHOWN)),
         ("watch", set(), {*WATCHED, "ground_truth/terrain"}),
-        ("terrain_map", {"terrain_map"}, set(MAPPED)),
+        ("terrain_map", {"terrain_map", "terrain_grid"}, set(MAPPED)),
         ("slip_source", {"wheel_slip", "/diagnostics"}, {JOINTS, VELOCITY}),
     ],
 )

@@ -3,6 +3,7 @@
 """The launch files start existing programs with existing parameters, topics and arguments."""
 
 import importlib.util
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,10 @@ import pytest
 
 from docs.advice import WHEN
 from docs.pages import NODES
-from rover_parameters.files import read_parameters
+from rover_parameters.files import parameter_files, parse_assignment, read_parameters
 from rover_parameters.parameters import configure, parameters
 from rover_parameters.records import ConfigError
+from terrain_estimator.nodes.onboard import divided
 from terrain_estimator.topics import INPUT_TYPES
 from tests.launch_stand_in import Kept, declared, started
 
@@ -20,7 +22,8 @@ ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "terrain_estimator/launch"
 CONFIG = ROOT / "terrain_estimator/config"
 FILES = sorted(FOLDER.glob("*.launch.py"))
-NEEDED = {"replay.launch.py": {"bag": "bags/first"}}
+PLATFORM = {"model": "four.pt", "velocity": "/visual_odometry"}
+NEEDED = {"replay.launch.py": {"bag": "bags/first"}, "platform.launch.py": PLATFORM}
 RESPAWN = {"respawn": "true", "respawn_delay": "0.5"}
 EVERYTHING = {
     "planner": "true",
@@ -137,6 +140,45 @@ def test_respawn_starts_the_nodes_of_the_rover_anew(path: Path) -> None:
         nodes(path.name, **needed, respawn_delay="soon")
 
 
+@every_file
+def test_composed_nodes_get_the_arguments_that_they_get_alone(path: Path) -> None:
+    needed = NEEDED.get(path.name, {})
+    asked = {name: each for name, each in EVERYTHING.items() if name in declared(path)} | needed
+    alone = nodes(path.name, **asked)
+    together = nodes(path.name, **asked, composed="true")
+    ours = {name for name in alone if not name.endswith(("simulator", "dashboard"))}
+    for name, node in together.items():
+        if not name.endswith("onboard"):
+            assert values(node) == values(alone[name])
+            continue
+        namespace = name.removesuffix("onboard")
+        for part, arguments in divided(node.named["arguments"]).items():
+            if part == "all":
+                continue
+            single = alone[f"{namespace}{part}"]
+            ours.remove(f"{namespace}{part}")
+            files = parameter_files(arguments)
+            assert [str(file) for file in files] == [
+                source for source in single.named["parameters"] if isinstance(source, str)
+            ]
+            given = dict(
+                parse_assignment(value)
+                for flag, value in itertools.pairwise(arguments)
+                if flag == "-p"
+            )
+            assert given | node.named["parameters"][0] == single.named["parameters"][-1]
+    assert not ours
+
+
+def test_composed_names_are_quoted_and_the_velocity_is_remapped() -> None:
+    found = nodes("rover.launch.py", composed="true", velocity="v", rover="7", namespace="rover1")
+    arguments = found["rover1/onboard"].named["arguments"]
+    assert found["rover1/onboard"].named["namespace"] == "rover1"
+    own = divided(arguments)
+    assert own["slip_source"] == ["--ros-args", "-p", 'rover:="7"', "-r", "velocity:=v"]
+    assert arguments[-1] == "all"
+
+
 def test_a_velocity_brings_the_source_of_slip() -> None:
     found = nodes("rover.launch.py", velocity="visual_odometry", planner="true", rover="mars_rover")
     assert found["/slip_source"].named["remappings"] == [("velocity", "visual_odometry")]
@@ -144,6 +186,34 @@ def test_a_velocity_brings_the_source_of_slip() -> None:
     assert all(
         not node.named["remappings"] for name, node in found.items() if name != "/slip_source"
     )
+
+
+def test_a_platform_is_read_by_its_topics_and_joint_names() -> None:
+    asked = PLATFORM | {"wheels": "fl,fr,rl,rr", "track_width": "0.55", "planner": "true"}
+    found = nodes("platform.launch.py", **asked, wheel_sinkage="/adapter", cmd_vel="/cmd")
+    topics = {
+        ("wheel_sinkage", "/adapter"),
+        ("odom", "/odom"),
+        ("imu", "/imu/data"),
+        ("joint_states", "/joint_states"),
+    }
+    for name in ("/estimator", "/planner", "/slip_source", "/recorder"):
+        own = {("velocity", "/visual_odometry")} if name == "/slip_source" else set()
+        assert set(found[name].named["remappings"]) == topics | own
+        if name != "/recorder":
+            assert values(found[name])["rover"] == "four_wheel_rover[fl,fr,rl,rr]"
+    assert values(found["/slip_source"])["track_width"] == 0.55
+    recorded = values(found["/recorder"])["topics"].split()
+    assert {*INPUT_TYPES, "/cmd", "/visual_odometry", "traction_advice"} <= set(recorded)
+    assert "terrain_map" not in recorded
+    together = nodes("platform.launch.py", **asked, composed="true")["/onboard"]
+    assert set(together.named["remappings"]) == topics - {("wheel_sinkage", "/adapter")}
+    assert "velocity:=/visual_odometry" in divided(together.named["arguments"])["slip_source"]
+
+
+def test_a_track_that_is_no_number_is_refused() -> None:
+    with pytest.raises(ValueError, match="track_width:=wide: expected a number of metres"):
+        nodes("platform.launch.py", **PLATFORM, track_width="wide")
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import benchmarks.soak.page as soak
 import studies.accuracy.table as accuracy
 import studies.change.table as change
 import studies.long.table as long_drives
+import studies.measured.table as wheels
 import studies.recursion.table as recursion
 import studies.stream.table as stream
 import tests.faults.page as faults
@@ -28,6 +29,8 @@ PROSE = (
     *(("change", text) for text in (change.INTRODUCTION, change.TERMS)),
     *(("stream_study", text) for text in (stream.INTRODUCTION, stream.FORECAST, stream.WHY)),
     *(("long_drives", text) for text in (long_drives.PAGE, long_drives.TERMS)),
+    *(("measured", text) for text in (wheels.INTRODUCTION, wheels.VERDICTS, wheels.HELD_OUT)),
+    *(("measured", text) for text in (wheels.WHEELS, wheels.FREE, wheels.STRENGTH)),
     *(("recursion", text) for text in (recursion.INTRODUCTION, recursion.LEGEND, recursion.WHY)),
     *(("benchmarks", text) for text in (benchmarks.HEAD, benchmarks.AFTER)),
     *(("faults", text) for text in (faults.MATRIX, million.SECTION, soak.SECTION, fuzz.SECTION)),
@@ -62,6 +65,7 @@ WRITTEN = (
     "faults",
     "hidden",
     "long_drives",
+    "measured",
     "paper",
     "planner",
     "recursion",

@@ -24,7 +24,8 @@ from terrain_estimator.bags import BagWriter, Types
 from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.config.recorder import RecorderConfig
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
-from terrain_estimator.model.model_file import LoadedModel, load_model
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.outcome import Outcome
 from terramechanics.presets import PRESETS, load_rover
 from tests.drives import Event, drive_messages
@@ -327,6 +328,10 @@ ELSEWHERE = {
         "system/test_lifecycle.py::"
         "test_a_recorder_writes_while_it_is_active_and_notes_who_estimated"
     ),
+    "estimator runtime": (
+        "terrain_estimator/offline/test_replay_runtime.py::"
+        "test_a_replay_runs_what_the_parameter_says_and_by_itself_what_the_live_node_ran"
+    ),
     "estimator rover": "test_parameters_change_behaviour.py::test_the_rover_file_names_the_wheels",
     "recorder fsync_interval": (
         "test_parameters_change_behaviour.py::"
@@ -393,6 +398,16 @@ ELSEWHERE = {
     "simulator real_time_factor": (
         "system/test_simulator.py::test_a_real_time_factor_below_one_stretches_the_wall_time"
     ),
+    "simulator publish_tf": (
+        "system/test_simulator_viewing.py::test_where_they_are_not_wanted_nobody_publishes_them"
+    ),
+    "simulator publish_markers": (
+        "system/test_simulator_viewing.py::test_where_they_are_not_wanted_nobody_publishes_them"
+    ),
+    "simulator track_width": (
+        "system/test_simulator_viewing.py::"
+        "test_every_step_has_the_transform_of_its_odometry_and_the_wheels_in_the_body_frame"
+    ),
     "slip_source rover": (
         "system/test_slip_source.py::test_slip_from_wheel_rates_and_odometry_is_that_of_the_wheels"
     ),
@@ -403,6 +418,10 @@ ELSEWHERE = {
     "slip_source body_frame": (
         "terrain_estimator/messaging/test_slip_source.py::"
         "test_each_parameter_changes_what_is_published"
+    ),
+    "slip_source track_width": (
+        "terrain_estimator/messaging/test_slip_source.py::"
+        "test_in_a_turn_every_wheel_has_the_slip_of_its_own_speed"
     ),
     "slip_source standstill_speed": (
         "terrain_estimator/messaging/test_slip_source.py::"
@@ -436,6 +455,31 @@ ELSEWHERE = {
     ),
     "terrain_map pairing_tolerance": (
         "system/test_terrain_map.py::test_the_track_is_a_cloud_that_a_late_reader_gets"
+    ),
+    "terrain_map grid.resolution": (
+        "terrain_estimator/messaging/test_map_grid.py::test_each_parameter_changes_the_grid"
+    ),
+    "terrain_map grid.reach": (
+        "terrain_estimator/messaging/test_map_grid.py::test_each_parameter_changes_the_grid"
+    ),
+    "terrain_map grid.cells": (
+        "terrain_estimator/messaging/test_map_grid.py::test_each_parameter_changes_the_grid"
+    ),
+    "terrain_map grid.free_slope": (
+        "terrain_estimator/messaging/test_map_grid.py::test_each_parameter_changes_the_grid"
+    ),
+    "terrain_map grid.lethal_slope": (
+        "terrain_estimator/messaging/test_map_grid.py::test_each_parameter_changes_the_grid"
+    ),
+    "terrain_map model": "system/test_terrain_grid.py::test_what_is_wrong_is_named",
+    "terrain_map rover": "system/test_terrain_grid.py::test_what_is_wrong_is_named",
+    "terrain_map slip_limit": (
+        "system/test_terrain_grid.py::"
+        "test_the_slope_is_one_that_the_rover_climbs_and_falls_with_each_doubt"
+    ),
+    "terrain_map pull_deviation": (
+        "system/test_terrain_grid.py::"
+        "test_the_slope_is_one_that_the_rover_climbs_and_falls_with_each_doubt"
     ),
     "watch period": (
         "system/test_watch.py::"

@@ -117,6 +117,21 @@ class SimulatorConfig:
     )
     body_frame: str = entry("frame of the rover's body", "base_link")
     odom_frame: str = entry("frame of the odometry", "odom")
+    publish_tf: bool = entry(
+        "publish the transform from odom_frame to body_frame on /tf; false where another node does",
+        default=True,
+    )
+    publish_markers: bool = entry(
+        "publish the wheels and the true forces on them, for RViz, on wheel_markers", default=True
+    )
+    track_width: float = number(
+        "distance of left and right wheels in wheel_markers, as in export_urdf; 0: three quarters"
+        " of the wheelbase",
+        "m",
+        0.0,
+        100.0,
+        default=0.0,
+    )
     wait_for_subscribers: int = number(
         "number of subscribers that every topic must have before the drive starts",
         "1",

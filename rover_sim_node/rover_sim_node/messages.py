@@ -21,13 +21,13 @@ from torch import Tensor
 from msg_defs.msg import TerrainTruth, WheelSinkage, WheelSlip
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.run import GroundTruth, SimulatedReading
-from terramechanics.contact.stresses import CONSTANTS
+from terramechanics.description.layout import SUSPENSION_JOINTS
 from terramechanics.effects import describe
+from terramechanics.terrain.soil import CONSTANTS
 
 SECOND_NS = 1_000_000_000
 FIXED = 1e-12
 """Variance of motions that a planar rover cannot make; zero would mean unknown."""
-SUSPENSION_JOINTS = ("rocker", "bogie")
 TYPES: dict[str, type[Any]] = {
     "wheel_slip": WheelSlip,
     "wheel_sinkage": WheelSinkage,
@@ -140,14 +140,15 @@ def _odometry(reading: SimulatedReading, header: Header, body_frame: str) -> Odo
 
 def _joint_states(reading: SimulatedReading, header: Header) -> JointState:
     measured = reading.measured
+    jointed = bool(reading.rover.suspension)
     # left and right move alike, so the rocker does not turn against the body
-    rocker, unknown = 0.0, math.nan
+    angles, rates = ((0.0, reading.bogie_angle), (0.0, reading.bogie_rate)) if jointed else ((), ())
     return JointState(
         header=header,
-        name=[*reading.rover.wheel_names, *SUSPENSION_JOINTS],
-        position=_doubles(reading.wheel_angle, rocker, reading.bogie_angle),
-        velocity=_doubles(measured.wheel_rate, 0.0, reading.bogie_rate),
-        effort=_doubles(measured.torque, unknown, unknown),
+        name=[*reading.rover.wheel_names, *SUSPENSION_JOINTS[: len(angles)]],
+        position=_doubles(reading.wheel_angle, *angles),
+        velocity=_doubles(measured.wheel_rate, *rates),
+        effort=_doubles(measured.torque, *[math.nan] * len(angles)),
     )
 
 

@@ -23,13 +23,10 @@ from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import Profile, Ramp, StepProfile
 from terramechanics.vehicle.rover import Rover
 
-MIDDLE = 1
-"""The axle whose ground is the published truth."""
-
 
 @dataclass(frozen=True, slots=True)
 class GroundTruth:
-    """The ground below the middle of the rover."""
+    """The ground below the middle axle of the rover, of two axles below the rear one."""
 
     soil: str
     position: float  # [m] along the track, from which it holds
@@ -47,6 +44,7 @@ class SimulatedReading:
     wheel_angle: Tensor  # [wheels] [rad] turned since the start
     bogie_angle: float  # [rad] nose-up
     bogie_rate: float  # [rad/s]
+    ground_force: Tensor  # [wheels, 3] true N [N], T [N] and contact angle [rad] of each wheel
     odometry: tuple[float, float]  # [m] x and z, integrated from measured velocity and pitch
     odometry_variance: tuple[float, float]  # [m^2]
     truth: GroundTruth
@@ -85,7 +83,7 @@ class SimulatedRun:
             1,
             _profile(config),
             self._step,
-            _plant(config),
+            _plant(config, self.rover),
         )
         self._bias = acceleration_bias(self._noise, 1, self._sensing)
         self._wheel_angle = torch.zeros(len(self.rover.wheels), dtype=torch.float64)
@@ -118,12 +116,17 @@ class SimulatedRun:
             wheel_angle=self._wheel_angle,
             bogie_angle=angle,
             bogie_rate=rate,
+            ground_force=self._ground_force(sample),
             odometry=self._odometry,
             odometry_variance=self._variance,
             truth=self._truth(sample),
             position=float(sample.position),
             stuck=bool(sample.stuck),
         )
+
+    def _ground_force(self, sample: Sample) -> Tensor:
+        values = torch.stack([sample.normal, sample.traction, sample.contact_angle], -1)
+        return values[0, list(self.rover.wheel_axle)]
 
     def _integrate(self, measured: Measurement) -> None:
         """Add one step of dead reckoning; errors of steps are independent, so variances add."""
@@ -136,11 +139,12 @@ class SimulatedRun:
         self._variance = (self._variance[0] + by_x, self._variance[1] + by_z)
 
     def _truth(self, sample: Sample) -> GroundTruth:
-        place = float(sample.contact[0, MIDDLE])
+        middle = sample.contact.shape[1] // 2
+        place = float(sample.contact[0, middle])
         patch = self._ground.patches[self._ground.patch_at(place)]
         constants, strength = (
-            sample.constants[0, MIDDLE].tolist(),
-            sample.strength[0, MIDDLE].tolist(),
+            sample.constants[0, middle].tolist(),
+            sample.strength[0, middle].tolist(),
         )
         blending = place < patch.start + patch.transition
         return GroundTruth(
@@ -167,7 +171,7 @@ def _ground(config: SimulatorConfig, width: float) -> Ground:
     return Ground(patches)
 
 
-def _plant(config: SimulatorConfig) -> Plant | None:
+def _plant(config: SimulatorConfig, rover: Rover) -> Plant | None:
     given = not math.isnan(config.effect_size)
     if not config.effect:
         if given and config.effect_size:
@@ -182,6 +186,11 @@ def _plant(config: SimulatorConfig) -> Plant | None:
         effect = make_effect(config.effect, size, config.effect_axle)
     except ConfigError as error:
         raise ConfigError(f"parameters of the effect: {error}") from error
+    if description.by_axle and config.effect_axle >= rover.axles:
+        raise ConfigError(
+            f"parameter effect_axle: {config.effect_axle} is none of the {rover.axles} axles of"
+            f" {rover.name}: give 0 to {rover.axles - 1}"
+        )
     if not given:
         raise ConfigError(
             f"parameter effect_size: give the size of {config.effect},"

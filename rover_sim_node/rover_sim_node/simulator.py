@@ -19,18 +19,23 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import MarkerArray
 
 from msg_defs.msg import TerrainTruth
 from rover_parameters.command_line import print_error, run
 from rover_parameters.declare import declare
+from rover_parameters.ending import destroy
 from rover_parameters.records import ConfigError
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.messages import SECOND_NS, TYPES, clock_message, step_messages, truth_message
 from rover_sim_node.pacing import Pace
 from rover_sim_node.run import GroundTruth, SimulatedReading, SimulatedRun
+from rover_sim_node.viewing import marker_message, transform_message
 from terramechanics.vehicle.suspension import TerrainError
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
+TF_QOS = QoSProfile(depth=100)  # as that of tf2_ros, which has no wheel
 LATCHED = QoSProfile(depth=10, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 PROGRAM = "simulator"
 CLOCK = "/clock"
@@ -64,6 +69,14 @@ class SimulatorNode(Node):
             topic: self.create_publisher(kind, topic, QOS) for topic, kind in TYPES.items()
         }
         self._truth_output = self.create_publisher(TerrainTruth, "ground_truth/terrain", LATCHED)
+        self._tf_output = (
+            self.create_publisher(TFMessage, "/tf", TF_QOS) if self.config.publish_tf else None
+        )
+        self._marker_output = (
+            self.create_publisher(MarkerArray, "wheel_markers", QOS)
+            if self.config.publish_markers
+            else None
+        )
         self._clock_output: Publisher | None = None
         self._truth: GroundTruth | None = None
         self._sequence, self._truths = 0, 0
@@ -133,12 +146,27 @@ class SimulatorNode(Node):
             self._truth, self._truths = reading.truth, self._truths + 1
         messages = step_messages(reading, self.config, stamp_ns, self._sequence)
         due += [(self._outputs[topic], message) for topic, message in messages.items()]
+        due += self._for_viewers(reading, messages)
         self._sequence += 1
         if reading.stuck and not self._warned_stuck:
             self._warned_stuck = True
             self.get_logger().warning(
                 f"the rover is stuck at {reading.position:.2f} m, {reading.time:.1f} s after the"
                 " start"
+            )
+        return due
+
+    def _for_viewers(
+        self, reading: SimulatedReading, messages: dict[str, Any]
+    ) -> list[tuple[Publisher, Any]]:
+        due: list[tuple[Publisher, Any]] = []
+        if self._tf_output is not None:
+            due.append((self._tf_output, transform_message(messages["odom"])))
+        # a tenth of a step's time, which nobody is to pay who does not look
+        if self._marker_output is not None and self._marker_output.get_subscription_count():
+            header = messages["joint_states"].header
+            due.append(
+                (self._marker_output, marker_message(reading, header, self.config.track_width))
             )
         return due
 
@@ -245,14 +273,14 @@ def main() -> int:
 
 
 def _serve(stop: threading.Event) -> int:
-    node = SimulatorNode()
+    node, code = SimulatorNode(), 0
     try:
         Simulator(node, stop).run()
     except (SimulatorError, TerrainError) as error:
-        return print_error(PROGRAM, error, 1)
+        code = print_error(PROGRAM, error, 1)
     finally:
-        node.destroy_node()
-    return 0
+        destroy(node, code)
+    return code
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
 from launch_ros.actions import Node
 
 from rover_parameters.files import read_parameters
-from terrain_estimator.nodes.common.launching import ONE_ROVER, declared, seconds
+from terrain_estimator.nodes.common.launching import ONE_ROVER, TF, declared, seconds
 
 SIMULATOR = {
     "rover": ("mars_rover", "preset or YAML file; another one needs its model, too"),
@@ -84,6 +84,7 @@ def _simulator(context: LaunchContext) -> list[Node | RegisterEventHandler]:
         executable="simulator",
         namespace=value["namespace"],
         parameters=[chosen],
+        remappings=TF,
         output="screen",
     )
     running: set[Node] = getattr(context.locals, "drives", set())

@@ -8,15 +8,26 @@ The rover publishes what docs/messages.md says. The other launch files include t
 ROS installation start the executables by `ros2 run`.
 """
 
+import json
 from pathlib import Path
+from typing import Any
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from terrain_estimator.nodes.common.launching import ONE_ROVER, declared, seconds
+from terrain_estimator.nodes.common.launching import (
+    ONE_ROVER,
+    TOPICS,
+    declared,
+    remappings,
+    seconds,
+    viewers,
+)
 
+SEPARATE = ("dashboard",)
+"""Nodes that keep a process of their own: they are not needed on the rover."""
 PATIENCE_S = "60"
 """[s] after Ctrl-C, in which the recorder compresses its bag."""
 ARGUMENTS = {
@@ -36,7 +47,15 @@ ARGUMENTS = {
             " publishes wheel_slip itself"
         ),
     ),
+    "track_width": (
+        "",
+        (
+            "[m] between left and right wheels, for slip_source in turns; empty: as config says,"
+            " else as straight ahead"
+        ),
+    ),
     "record": ("true", "record inputs and outputs to a bag"),
+    "topics": ("", "that are recorded, with spaces between; empty: all of the suite"),
     "state": (
         "",
         (
@@ -48,6 +67,7 @@ ARGUMENTS = {
         "false",
         "take the time of /clock, as with a simulator or a bag that is played",
     ),
+    **TOPICS,
 }
 
 
@@ -65,35 +85,94 @@ def _nodes(context: LaunchContext) -> list[Node]:
             " its wheel radius and knows no model"
         )
         raise ValueError(message)
-    wanted = {
+    wanted: dict[str, dict[str, Any] | None] = {
         "estimator": {
             "model": value["model"],
             "rover": value["rover"],
             "state.file": value["state"],
         },
-        "slip_source": {"rover": value["rover"]} if value["velocity"] else None,
+        "slip_source": (
+            {"rover": value["rover"], "track_width": _metres(value)} if value["velocity"] else None
+        ),
         "planner": (
             {"model": value["model"], "rover": value["rover"]}
             if value["planner"] == "true"
             else None
         ),
-        "terrain_map": {} if value["map"] == "true" else None,
+        "terrain_map": (
+            {"model": value["model"], "rover": value["rover"]} if value["map"] == "true" else None
+        ),
         "dashboard": {} if value["dashboard"] == "true" else None,
-        "recorder": ({"output": value["output"]} if value["record"] == "true" else None),
+        "recorder": (
+            {"output": value["output"], "topics": value["topics"]}
+            if value["record"] == "true"
+            else None
+        ),
     }
-    return [_node(name, value, given) for name, given in wanted.items() if given is not None]
+    given = {
+        name: {key: given for key, given in entries.items() if given != ""}
+        for name, entries in wanted.items()
+        if entries is not None
+    }
+    seen = viewers(value) if value["rviz"] == "true" else []
+    if value["composed"] != "true":
+        return [*(_node(name, value, entries) for name, entries in given.items()), *seen]
+    alone = [_node(name, value, given.pop(name)) for name in SEPARATE if name in given]
+    return [_together(value, given), *alone, *seen]
 
 
-def _node(name: str, value: dict[str, str], given: dict[str, str]) -> Node:
-    chosen = {key: text for key, text in given.items() if text} | {
-        "use_sim_time": value["use_sim_time"] == "true"
-    }
+def _metres(value: dict[str, str]) -> float | str:
+    """Return the track width as a number; empty where it is not given."""
+    text = value["track_width"]
+    try:
+        return float(text) if text else ""
+    except ValueError:
+        message = f"track_width:={text}: expected a number of metres"
+        raise ValueError(message) from None
+
+
+def _node(name: str, value: dict[str, str], given: dict[str, Any]) -> Node:
+    return _process(
+        name,
+        value,
+        parameters=[*_file(value["config"], name), given | _clock(value)],
+        remappings=[
+            *([("velocity", value["velocity"])] if name == "slip_source" else []),
+            *remappings(value),
+        ],
+    )
+
+
+def _together(value: dict[str, str], given: dict[str, dict[str, Any]]) -> Node:
+    """Return the process of all these nodes; what launch adds at the end is for all of them."""
+    arguments = []
+    for name, entries in given.items():
+        arguments += [name, "--ros-args"]
+        for path in _file(value["config"], name):
+            arguments += ["--params-file", path]
+        for key, text in entries.items():
+            arguments += ["-p", f"{key}:={json.dumps(text)}"]  # quoted: ROS reads YAML
+        if name == "slip_source":
+            arguments += ["-r", f"velocity:={value['velocity']}"]
+    return _process(
+        "onboard",
+        value,
+        arguments=[*arguments, "all"],
+        parameters=[_clock(value)],
+        remappings=remappings(value),
+    )
+
+
+def _clock(value: dict[str, str]) -> dict[str, bool]:
+    return {"use_sim_time": value["use_sim_time"] == "true"}
+
+
+def _process(executable: str, value: dict[str, str], **what: Any) -> Node:
     return Node(
         package="terrain_estimator",
-        executable=name,
+        executable=executable,
         namespace=value["namespace"],
-        parameters=[*_file(value["config"], name), chosen],
-        remappings=[("velocity", value["velocity"])] if name == "slip_source" else [],
+        **what,
         output="screen",
         respawn=value["respawn"] == "true",
         respawn_delay=seconds(value, "respawn_delay"),

@@ -25,7 +25,8 @@ from terrain_estimator.bags import Types
 from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import Pipeline
-from terrain_estimator.model.model_file import LoadedModel, load_model
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.outcome import Outcome
 from tests.faults.hostile import FaultyObservations
 from tests.faults.page import PAGE, machine, replace_section

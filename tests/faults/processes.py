@@ -10,7 +10,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from terrain_estimator.model.model_file import MODELS
+from terrain_estimator.model.metadata import MODELS
 from tests.faults.fault import Expected
 from tests.faults.rover import Rover
 from tests.faults.through import of_estimator

@@ -18,7 +18,7 @@ from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.estimator.saved_state import StateFileError
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import Pipeline
-from terrain_estimator.model.model_file import LoadedModel
+from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.observation import Observation
 from tests.faults.hostile import MONSTERS, FaultyObservations
 from tests.soundness import unsound

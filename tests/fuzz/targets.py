@@ -33,15 +33,22 @@ from terrain_estimator.discovery.single_wheel.table import WheelTableError, read
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.estimator.saved_state import StateFileError, pack_state, unpack_state
 from terrain_estimator.importing.mapping import Mapping, read_mapping
+from terrain_estimator.importing.rose.doubts import faults
+from terrain_estimator.importing.rose.samples import find
+from terrain_estimator.importing.rose.schema import (
+    CURRENTS,
+    ORIENTATION,
+    POSITION,
+    RATES,
+    TIME,
+    RoseOptions,
+)
+from terrain_estimator.importing.rose.table import read_table as read_trial
 from terrain_estimator.importing.samples import CsvError, read_samples
 from terrain_estimator.model.archive import ArchiveError, checked_archive
-from terrain_estimator.model.model_file import (
-    MODELS,
-    LoadedModel,
-    ModelFileError,
-    load_model,
-    read_metadata,
-)
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.metadata import MODELS, ModelFileError, read_metadata
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.offline.state_files import read_state
 from terramechanics.presets import PRESETS, load_rover, load_soil
 from tests.terrain_estimator.bags.support import finished_bag, killed_recording
@@ -243,6 +250,25 @@ _TABLE = b"""trial,slip,normal_load_N,wheel_rate_rad_s,sinkage_mm,drawbar_pull_N
 2,-0.1,64.0,0.5,9,-2,0
 """
 
+_ROSE = RoseOptions(track_width=0.55, torque_gain=1.0, torque_sd=0.1)
+
+
+def _rose_trial(path: Path) -> None:
+    rover = load_rover("four_wheel_rover")
+    found = find(read_trial(path, _ROSE), rover, _ROSE)
+    assert all(isinstance(each, str) for each in faults(found, rover, _ROSE))
+    assert all(sample.velocity.deviation > 0.0 for sample in found.samples)
+
+
+def _rose_tables() -> list[bytes]:
+    """Return half a second of a rover that drives along x at 0.3 m/s with a little slip."""
+    rows = [",".join((TIME, *POSITION, *ORIENTATION, *RATES, *CURRENTS))]
+    for row in range(30):
+        time = row / 60.0
+        rows.append(f"{time:.4f},{0.3 * time:.4f},0,0,0,0,0,1,2,2,2,2,90,90,91,91")
+    return ["\n".join(rows).encode()]
+
+
 TARGETS = {
     "bag": Target(read_bag, "run.mcap", _bags, weight=5.0),
     "recovery": Target(recover_bag, "run.mcap", _bags),
@@ -290,6 +316,7 @@ TARGETS = {
         read_archive, "ground.state", lambda: [state.partition(b"\n")[2] for state in _states()]
     ),
     "samples": Target(_refusing(_samples, CsvError), "run.csv", _rows, weight=5.0),
+    "rose trial": Target(_refusing(_rose_trial, CsvError), "Processed_Data.csv", _rose_tables),
     "wheel table": Target(
         _refusing(lambda path: read_table(path, "rim"), WheelTableError),
         "table.csv",

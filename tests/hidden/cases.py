@@ -9,6 +9,7 @@ together.
 import dataclasses
 import math
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -21,7 +22,7 @@ from terramechanics.simulation.sensors import Noise, measure_drive, per_wheel
 from terramechanics.simulation.simulation import STUCK_TIME, simulate
 from terramechanics.vehicle.rover import Rover
 from tests.hidden.equivalent import equivalent_size
-from tests.hidden.generators import GENERATORS, Draw, sizes_of
+from tests.hidden.generators import GENERATORS, SCALES, Draw, sizes_of
 from tests.hidden.ground import SOILS, draw_ground, draw_terrain, uniform
 
 DRIVES = 5
@@ -34,15 +35,42 @@ SHORTEST = 30.0
 """[s] A drive that gets stuck earlier is replaced by a spare one."""
 
 
+def _other(radius: float, mass: float, width: float) -> Rover:
+    """Return a rover that differs from the Mars-like one by these factors."""
+    car = load_rover("mars_rover")
+    return dataclasses.replace(
+        car,
+        name="other_rover",
+        mass=mass * car.mass,
+        wheel_radius=radius * car.wheel_radius,
+        wheel_width=width * car.wheel_width,
+    )
+
+
+ROVERS: dict[str, Callable[[], Rover]] = {
+    "mars_rover": lambda: load_rover("mars_rover"),
+    "paper_rover": lambda: load_rover("paper_rover"),
+    "light_rover": lambda: _other(0.85, 0.6, 0.8),
+    "heavy_rover": lambda: _other(1.2, 1.4, 1.15),
+}
+"""Rovers of hidden cases: those that ship, and two that no model is for."""
+
+
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Hidden effects of a case: ``parts`` are names, each with a share of the size that matters."""
+    """Hidden effects of a case: ``parts`` are names, each with a share of the size that matters.
 
-    parts: tuple[tuple[str, float], ...] = ()
+    A size without a share is drawn from the range of its law, see sizes_of.
+    """
+
+    parts: tuple[tuple[str, float | None], ...] = ()
     torque: bool = True  # whether motor torque is measured
     noise_time: float = 0.0  # [s] time constant of the sensors' noise, 0: white
     soil: str = ""  # empty: every soil in turn
     seconds: float = 60.0  # [s] length of a drive
+    noise: float = 1.0  # deviation of the sensors' noise over the stated one
+    told: str = ""  # soil that the workflow is told; empty: the true one
+    rover: str = ""  # one of ROVERS; empty: the caller's
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -50,6 +78,20 @@ class Plan:
         if any(not GENERATORS[name].known for name, _ in self.parts):
             return ("unknown",)
         return tuple(name for name, _ in self.parts)
+
+    @property
+    def text(self) -> str:
+        """What is planned, in words from which the cases follow: a new field leaves old cases."""
+        given = (
+            f"{each.name}={getattr(self, each.name)!r}"
+            for each in dataclasses.fields(self)
+            if each.name in _FIRST or getattr(self, each.name) != each.default
+        )
+        return f"Plan({', '.join(given)})"
+
+
+_FIRST = ("parts", "torque", "noise_time", "soil", "seconds")
+"""Fields that are always part of a plan's text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +148,7 @@ def simulate_cases(
         torch.Generator().manual_seed(2 * seed),
         torch.Generator().manual_seed(2 * seed + 1),
     )
-    car = load_rover(rover)
+    car = ROVERS[plan.rover]() if plan.rover else load_rover(rover)
     turns = range(first, first + count)
     soils = [plan.soil or SOILS[k % len(SOILS)] for k in turns]
     terrains = [TERRAINS[k // len(SOILS) % len(TERRAINS)] for k in turns]
@@ -114,7 +156,10 @@ def simulate_cases(
     terrain = draw_terrain([name for name in terrains for _ in range(EACH)], car, ground, generator)
     axle = torch.randint(car.axles, (count,), generator=hiding)
     place = uniform((2.0, 5.0), (count * EACH,), hiding)
-    sizes = [sizes_of(GENERATORS[name], share, count, hiding) for name, share in plan.parts]
+    sizes = [
+        sizes_of(hidden, share, count, hiding, SCALES[hidden.scale](car))
+        for hidden, share in ((GENERATORS[name], share) for name, share in plan.parts)
+    ]
     draws = [
         Draw(size.repeat_interleave(EACH), axle.repeat_interleave(EACH), place) for size in sizes
     ]
@@ -125,10 +170,19 @@ def simulate_cases(
         car, ground, "S1", plan.seconds, generator, count * EACH, terrain, Plant(effects)
     )
     correlation = math.exp(-TIME_STEP / plan.noise_time) if plan.noise_time else 0.0
-    measured = measure_drive(car, per_wheel(car, drive.seen), Noise(), generator, correlation)
+    stated = per_wheel(car, drive.seen)
+    measured = measure_drive(car, stated, Noise(factor=plan.noise), generator, correlation)
+    if plan.noise != 1.0:
+        measured = _with_deviations(measured, measure_drive(car, stated, Noise(), generator))
     if not plan.torque:
         measured = dataclasses.replace(measured, torque=torch.full_like(measured.torque, math.nan))
     return Simulated(drive, measured, soils, terrains, sizes, effects, axle)
+
+
+def _with_deviations(measured: Measurement, stated: Measurement) -> Measurement:
+    """Return the readings of ``measured`` with the deviations of ``stated``."""
+    names = (item.name for item in dataclasses.fields(Measurement) if item.name.endswith("_sd"))
+    return dataclasses.replace(measured, **{name: getattr(stated, name) for name in names})
 
 
 def draw_cases(
@@ -136,7 +190,7 @@ def draw_cases(
 ) -> list[Case]:
     """Draw ``count`` cases of one plan; the arguments determine the cases."""
     simulated = simulate_cases(
-        plan, count, seed + zlib.crc32(repr(plan).encode()) % 1_000_000, rover, first
+        plan, count, seed + zlib.crc32(plan.text.encode()) % 1_000_000, rover, first
     )
     return [_case(plan, simulated, k) for k in range(count)]
 

@@ -23,6 +23,10 @@ EDGE = 0.1
 """[m] Length of track over which a crust gives way."""
 MEMORY = 100
 """Samples that a slow clock can be behind."""
+ROCK_SPACING, ROCK_LENGTH = 0.9, 0.08
+"""[m] Distance of buried rocks along the track, and half length of one."""
+FLEX_AT = 300.0
+"""[N] Load at which a flexible wheel flattens by size."""
 
 
 class Tether(Sized):
@@ -51,12 +55,56 @@ class Crust(Sized):
 
     def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         whole = torch.sigmoid((self.ends[where.episode, None] - where.place) / EDGE)
-        factor = 1.0 + self.size(where) * whole
-        columns = contact.constants.expand(*contact.slip.shape, 6).unbind(-1)
-        constants = torch.stack(
-            [columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1
-        )
-        return contact._replace(constants=constants)
+        return stiffer(contact, 1.0 + self.size(where) * whole)
+
+
+class Rocks(Sized):
+    """Rocks below the surface, over which the ground is up to (1 + size) times as stiff."""
+
+    def __init__(self, sizes: Tensor, first: Tensor) -> None:
+        super().__init__(sizes)
+        self.first = first  # [batch] [m] place of one of them
+
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
+        away = where.place - self.first[where.episode, None]
+        away = away - ROCK_SPACING * torch.round(away / ROCK_SPACING)
+        return stiffer(contact, 1.0 + self.size(where) * torch.exp(-((away / ROCK_LENGTH) ** 2)))
+
+
+class FlexibleWheel(Sized):
+    """Wheel that flattens: a longer patch carries more, and the hub is lower by the deflection.
+
+    The deflection is size r per FLEX_AT of load; the patch carries (1 + 8 size) times as much, as
+    that of a wheel with a larger radius.
+    """
+
+    def begin(self, rover: Rover, batch: int) -> None:
+        super().begin(rover, batch)
+        self.radius = rover.wheel_radius
+
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
+        return stiffer(contact, 1.0 + 8.0 * self.size(where))
+
+    def sensed(self, sample: Sample) -> Sample:
+        deflection = self.sizes.unsqueeze(-1) * self.radius * sample.normal / FLEX_AT
+        return dataclasses.replace(sample, sinkage=sample.sinkage + deflection)
+
+
+class CurrentLimit(Sensed):
+    """Torque sensor that saturates: T / (1 + size |T|)."""
+
+    def sensed(self, sample: Sample) -> Sample:
+        more = 1.0 + self.sizes.unsqueeze(-1) * sample.torque.abs()
+        return dataclasses.replace(sample, torque=sample.torque / more)
+
+
+def stiffer(contact: ContactInputs, factor: Tensor) -> ContactInputs:
+    """Return contact with k_c and k_phi ``factor`` times as large, [rows, axles or 1]."""
+    columns = contact.constants.expand(*contact.slip.shape, 6).unbind(-1)
+    constants = torch.stack(
+        [columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1
+    )
+    return contact._replace(constants=constants)
 
 
 class SlowClock(Sensed):

@@ -77,6 +77,13 @@ def test_the_size_of_a_hidden_law_in_the_library_s_unit_is_near_what_its_numbers
         assert 0.0 < abs(size) < 0.1 * EFFECTS[name].high, name
 
 
+def test_a_field_that_keeps_its_default_leaves_the_cases_as_they_were() -> None:
+    assert Plan((("payload", 1.0),)).text == (
+        "Plan(parts=(('payload', 1.0),), torque=True, noise_time=0.0, soil='', seconds=60.0)"
+    )
+    assert Plan(noise=2.0).text.endswith(", seconds=60.0, noise=2.0)")
+
+
 def test_what_cannot_be_named_is_unknown_and_nothing_is_none() -> None:
     assert Plan((("tether", 1.0), ("payload", 1.0))).names == ("unknown",)
     assert Plan().names == ()

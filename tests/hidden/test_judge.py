@@ -3,17 +3,28 @@
 """A few hidden cases from drive to verdict, and counts of answers; `make hidden` runs hundreds."""
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 
-from tests.hidden.cases import Plan, draw_cases
+from terramechanics.presets import load_rover
+from tests.hidden.cases import ROVERS, Plan, draw_cases, simulate_cases
 from tests.hidden.generators import GENERATORS
 from tests.hidden.judge.bars import bars, outcomes, proportion
 from tests.hidden.judge.judging import Record, investigated, judged, right
-from tests.hidden.judge.strata import KNOWN, OUTSIDE, SEED, TOGETHER, batches, families
+from tests.hidden.judge.strata import (
+    KNOWN,
+    OUTSIDE,
+    SEED,
+    TOGETHER,
+    batches,
+    families,
+    field_batches,
+    field_families,
+)
 from tests.hidden.sealing import seal
 
 FIXED = {
@@ -45,10 +56,12 @@ def test_a_sealed_case_gets_the_right_verdict(name: str, tmp_path: Path) -> None
         (Plan((("payload", 0.1),)), {"exact", "set", "none"}),
         (Plan((("payload", 1.0), ("latency", 1.0))), {"exact", "set"}),
         (Plan((("tether", 1.0),)), {"unknown"}),
+        (Plan(told="regolith"), {"none", "soil"}),
+        (Plan((("payload", None),), told="regolith"), {"exact", "set"}),
     ],
 )
 def test_what_counts_as_right(plan: Plan, answers: set[str]) -> None:
-    every = {"exact", "set", "part", "wrong name", "unknown", "none"}
+    every = {"exact", "set", "part", "wrong name", "unknown", "none", "soil"}
     assert {outcome for outcome in every if right(outcome, plan)} == answers
 
 
@@ -73,14 +86,14 @@ def found(records: list[Record]) -> dict[str, tuple[str, str]]:
 
 
 def test_bars_tell_met_from_missed_and_from_too_few_cases() -> None:
-    nulls = [record("none", "none", "none")] * 195 + [record("none", "none", "wrong name")] * 5
+    nulls = [record("none", "none", "none")] * 395 + [record("none", "none", "wrong name")] * 5
     assert found(nulls)["nothing hidden, soil constants wrong by up to 5 %: anything named"] == (
-        proportion(5, 200),
+        proportion(5, 400),
         "met",
     )
     few = found(nulls[:100])["nothing hidden, soil constants wrong by up to 5 %: anything named"]
-    assert few == (proportion(0, 100), "open: 200 cases are asked for")
-    many = [record("none", "none", "wrong name")] * 11 + nulls[:189]
+    assert few == (proportion(0, 100), "open: 400 cases are asked for")
+    many = [record("none", "none", "wrong name")] * 11 + nulls[:389]
     assert (
         found(many)["nothing hidden, soil constants wrong by up to 5 %: anything named"][1]
         == "missed"
@@ -125,8 +138,8 @@ def test_outcomes_are_counted_by_family_and_effect() -> None:
             record("none", "none", "none"),
         ]
     )
-    assert f"| outside | all | 2 |  |  |  | 1 | 1 |  | {proportion(1, 2)} |" in table
-    assert f"| none | none | 1 |  |  |  |  |  | 1 | {proportion(1, 1)} |" in table
+    assert f"| outside | all | 2 |  |  |  | 1 | 1 |  |  | {proportion(1, 2)} |" in table
+    assert f"| none | none | 1 |  |  |  |  |  | 1 |  | {proportion(1, 1)} |" in table
 
 
 def test_limits_are_those_of_clopper_and_pearson() -> None:
@@ -151,6 +164,32 @@ def test_the_sample_has_every_effect_at_three_sizes_and_at_least_200_cases_of_no
         for name in plan.names
     } == set(KNOWN)
     assert set(KNOWN) | set(OUTSIDE) == set(GENERATORS)
+
+
+def test_the_field_is_drawn_from_the_commit_that_froze_the_rule() -> None:
+    field = field_batches("1a2b3c4d5e")
+    assert field == field_batches("1a2b3c4dffff")
+    assert field != field_batches("1a2b3c4e5e")
+    cases = TOGETHER * len(field)
+    assert cases >= 500
+    told = sum(bool(batch.plan.told) for batch in field) / len(field)
+    noisy = [batch.plan.noise for batch in field if batch.plan.noise != 1.0]
+    assert 0.2 < told < 0.47
+    assert 0.2 < len(noisy) / len(field) < 0.47
+    assert 0.5 <= min(noisy) < max(noisy) <= 2.0
+    assert {batch.plan.rover for batch in field} == set(ROVERS)
+    assert all(batch.plan.told != batch.plan.soil for batch in field)
+    assert {batch.family for batch in field[:30]} == set(field_families())
+
+
+def test_a_case_of_the_field_has_its_rover_and_states_other_noise_than_it_has() -> None:
+    plan = Plan(seconds=20.0, soil="regolith", noise=2.0, rover="light_rover")
+    noisy = simulate_cases(plan, 1, 3)
+    plain = simulate_cases(replace(plan, noise=1.0), 1, 3)
+    assert noisy.drive.rover.mass < 0.7 * load_rover("mars_rover").mass
+    assert torch.equal(noisy.measured.pitch_sd, plain.measured.pitch_sd)
+    errors = [each.measured.pitch - each.drive.seen.pitch for each in (noisy, plain)]
+    assert float(errors[0].std() / errors[1].std()) == pytest.approx(2.0, rel=0.01)
 
 
 def test_a_part_of_the_sample_is_a_sample_of_every_family() -> None:

@@ -24,7 +24,7 @@ from studies.change.drives import Change, Followed
 from studies.change.scores import quantile_of, rate_limits, score_change
 from studies.paper.scores import quartiles
 from studies.tables import table
-from terrain_estimator.model.rows import row_names
+from terrain_estimator.model.row_names import row_names
 
 TRUTH = (2000.0, 0.5)
 

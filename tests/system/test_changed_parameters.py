@@ -14,6 +14,7 @@ from rover_parameters.parameters import configure
 from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.pipeline import configuration_sha256
 from terrain_estimator.model.model_file import load_model
+from tests.live import live_pipeline
 from tests.system.listening import Listener
 from tests.system.processes import Starter
 
@@ -46,7 +47,8 @@ def test_all_are_read_at_configure_and_the_gate_at_any_time(
     health = listener.collect(EstimatorHealth, "estimator_health")
     estimator = start("terrain_estimator", "estimator")
     estimator.wait_for_output("ready: model", timeout=60.0)
-    config, model = EstimatorConfig(), load_model()
+    live, model = live_pipeline(), load_model()
+    config = EstimatorConfig(runtime=live.runtime)
 
     def reported(expected: EstimatorConfig) -> None:
         sha256 = configuration_sha256(model, expected)
@@ -72,5 +74,7 @@ def test_all_are_read_at_configure_and_the_gate_at_any_time(
     assert put(listener, "prior.cohesion_sd", PRIOR["prior.cohesion_sd"]) == ""
     last = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
     assert change(listener, *last) == [True, True]
-    reported(configure(EstimatorConfig, {**PRIOR, "gate_probability": 0.01}))
+    reported(
+        configure(EstimatorConfig, {**PRIOR, "gate_probability": 0.01, "runtime": live.runtime})
+    )
     assert estimator.interrupt() == 0

@@ -76,7 +76,9 @@ def test_a_thousand_slow_connections_leave_the_page_reachable_and_the_log_short(
             with urlopen(url + path, timeout=10.0) as answer:
                 assert len(answer.read()) > 1000
         wait_until(lambda: is_answered(url), "a new viewer has a place", IDLE_S + 10.0)
-        assert descriptors(process) <= before + MOST + VIEWERS
+        # what is refused is closed a moment after it was taken
+        most = before + MOST + VIEWERS
+        wait_until(lambda: descriptors(process) <= most, f"at most {most} descriptors are open")
     written = process.output.splitlines()[lines:]
     assert 0 < len(written) <= LINES + 5, written  # five of the silent topics
     assert process.interrupt(60.0) == 0

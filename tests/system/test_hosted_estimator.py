@@ -17,16 +17,17 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from msg_defs.msg import EstimatorHealth, TerrainEstimate
-from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.files.atomic import write_file
 from terrain_estimator.messaging.diagnostics import Level
 from terrain_estimator.messaging.pipeline import Pipeline
-from terrain_estimator.model.model_file import LoadedModel, load_model
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.nodes.common import lifecycle, message_types, state_file
 from terrain_estimator.nodes.estimator import EstimatorNode
 from terrain_estimator.offline.state_files import read_state
 from terrain_estimator.topics import INPUT_TYPES
 from tests.drives import Event, drive_messages
+from tests.live import live_pipeline
 from tests.system.listening import Listener
 from tests.system.processes import Starter
 
@@ -42,12 +43,6 @@ def path(tmp_path: Path) -> Path:
 @pytest.fixture(scope="module")
 def model() -> LoadedModel:
     return load_model()
-
-
-@pytest.fixture(autouse=True)
-def _loaded_once(model: LoadedModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All nodes of this process share a model."""
-    monkeypatch.setattr("terrain_estimator.nodes.estimator.load_model", lambda _: model)
 
 
 @pytest.fixture
@@ -319,9 +314,9 @@ def test_while_the_disk_hangs_it_estimates_and_serves_and_a_state_is_saved_once_
     node.end()
 
 
-def alone(model: LoadedModel, events: list[Event], *, reset: bool) -> list[tuple[float, ...]]:
+def alone(events: list[Event], *, reset: bool) -> list[tuple[float, ...]]:
     """Return the estimates of an estimator without others beside it."""
-    pipeline = Pipeline(model, EstimatorConfig())
+    pipeline = live_pipeline()
     said = []
     for index, (topic, _, message) in enumerate(events):
         if reset and index == RESET_AFTER * len(INPUT_TYPES):
@@ -339,7 +334,7 @@ def alone(model: LoadedModel, events: list[Event], *, reset: bool) -> list[tuple
 
 
 def test_several_rovers_in_one_process_and_in_two_estimate_as_if_they_were_alone(
-    start: Starter, listener: Listener, model: LoadedModel
+    start: Starter, listener: Listener
 ) -> None:
     other = start("terrain_estimator", "estimator", "--ros-args", "-r", "__ns:=/rover3")
     nodes = [
@@ -361,7 +356,7 @@ def test_several_rovers_in_one_process_and_in_two_estimate_as_if_they_were_alone
         for rover in rovers:
             listener.wait_for_messages(rover.estimates, step + 1)
     assert [rover.said() for rover in rovers] == [
-        alone(model, rover.events, reset=rover is rovers[0]) for rover in rovers
+        alone(rover.events, reset=rover is rovers[0]) for rover in rovers
     ]
     assert len({rover.said()[-1] for rover in rovers}) == len(rovers), "the drives differ"
     assert without_namespace == []

@@ -16,13 +16,13 @@ from std_srvs.srv import Trigger
 
 from msg_defs.msg import EstimatorHealth, TerrainEstimate, WheelSlip
 from terrain_estimator.bags import BagReader
-from terrain_estimator.config.estimator import EstimatorConfig
-from terrain_estimator.messaging.pipeline import Pipeline
-from terrain_estimator.model.model_file import MODELS, load_model
+from terrain_estimator.model.metadata import MODELS
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.nodes.common import message_types
 from terrain_estimator.offline.state_files import read_state
 from terrain_estimator.topics import INPUT_TYPES
 from tests.drives import Event, drive_messages
+from tests.live import live_pipeline
 from tests.system.listening import Listener
 from tests.system.processes import Process, Starter
 from tests.system.waiting import wait_until
@@ -210,7 +210,7 @@ def test_a_killed_node_goes_on_where_it_was_and_refuses_a_damaged_state(
     assert listener.call(Trigger, "estimator/save_state", Trigger.Request()).success
     assert read_state(path, model.sha256)["counts"][1] == 60
     assert listener.call(Trigger, "estimator/load_state", Trigger.Request()).success
-    pipeline = Pipeline(model, EstimatorConfig())
+    pipeline = live_pipeline()
     whole = [answer for topic, _, message in events for answer in pipeline.add(topic, message)][
         -1
     ].update.estimate

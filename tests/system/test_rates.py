@@ -8,28 +8,16 @@ from functools import partial
 import pytest
 
 from msg_defs.msg import EstimatorHealth
-from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.diagnostics import Level
-from terrain_estimator.messaging.pipeline import Pipeline
-from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.nodes.common import message_types
 from terrain_estimator.nodes.estimator import EstimatorNode
 from terrain_estimator.topics import INPUT_TYPES
 from tests.drives import Event, drive_messages
+from tests.live import live_pipeline
 from tests.system.listening import Listener
 from tests.system.test_hosted_estimator import Rover
 
 STEPS = 40
-
-
-@pytest.fixture(scope="module")
-def model() -> LoadedModel:
-    return load_model()
-
-
-@pytest.fixture(autouse=True)
-def _loaded_once(model: LoadedModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("terrain_estimator.nodes.estimator.load_model", lambda _: model)
 
 
 def at_rate(rate_hz: int) -> list[Event]:
@@ -47,7 +35,7 @@ def received(node: EstimatorNode, count: int) -> bool:
 
 @pytest.mark.parametrize(("rate_hz", "answers"), [(50, 9), (2, STEPS)])
 def test_the_rate_is_reported_and_the_estimates_are_those_of_a_replay(
-    listener: Listener, model: LoadedModel, rate_hz: int, answers: int
+    listener: Listener, rate_hz: int, answers: int
 ) -> None:
     node = listener.host(partial(EstimatorNode, threading.Event()), namespace="/rover1")
     node.start()
@@ -56,7 +44,7 @@ def test_the_rate_is_reported_and_the_estimates_are_those_of_a_replay(
         rover.publish(step)
         listener.spin_until(partial(received, node, step + 1), "the readings arrive")
     listener.wait_for_messages(rover.estimates, answers)
-    pipeline = Pipeline(model, EstimatorConfig())
+    pipeline = live_pipeline()
     replayed = [each for topic, _, message in rover.events for each in pipeline.add(topic, message)]
     assert len(INPUT_TYPES) * STEPS == len(rover.events)
     assert [each.covariance.tolist() for each in rover.estimates] == [

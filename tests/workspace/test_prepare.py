@@ -141,6 +141,19 @@ def test_a_second_call_does_nothing_and_says_nothing() -> None:
         assert result.stdout + result.stderr == ""
 
 
+def test_a_package_whose_link_is_lost_is_named(tmp_path: Path) -> None:
+    (tmp_path / "ros2_ws/src").mkdir(parents=True)
+    (tmp_path / "terrain_core").mkdir()
+    shutil.copy(ROOT / "ros2_ws/compile", tmp_path / "ros2_ws/compile")
+    (tmp_path / "ros2_ws/src/terrain_core").write_text("../../terrain_core", encoding="utf-8")
+    result = subprocess.run(
+        [tmp_path / "ros2_ws/compile"], check=False, capture_output=True, text=True
+    )
+    assert result.returncode == 1
+    assert "src/terrain_core is no link to the folder ../../terrain_core" in result.stderr
+    assert "git checkout -- ros2_ws/src" in result.stderr
+
+
 def test_the_lists_pin_every_package_to_one_version() -> None:
     lines = [
         line

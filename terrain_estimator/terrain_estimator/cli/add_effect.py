@@ -17,7 +17,8 @@ from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.files.results import adding
 from terrain_estimator.learning.adding import Sized, add_effects
-from terrain_estimator.model.model_file import DEFAULT_MODEL, ModelFileError, load_model
+from terrain_estimator.model.metadata import DEFAULT_MODEL, ModelFileError
+from terrain_estimator.model.model_file import load_model
 
 WRONG = 2
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"

@@ -104,7 +104,7 @@ def _hints(mapping: Mapping, rover: Rover) -> list[str]:
     absent = [
         signal
         for signal in ("slip", "sinkage", "velocity", "torque", "acceleration", "bogie_angle")
-        if not mapping.measures(signal)
+        if not mapping.measures(signal) and (signal != "bogie_angle" or rover.suspension)
     ]
     if absent:
         hints.append(

@@ -3,15 +3,20 @@
 """find_missing_effect RUN...: find the physical effect that the model of rover and soil lacks.
 
 Writes OUT/finding.json and OUT/report.html and, where it names an effect, OUT/model.pt, a model
-that estimates it. Exit codes: 0 for any verdict, 2 for a bad argument or too few readable runs.
+that estimates it. Where the soil files do not fit, OUT/soils has the constants that do. Exit codes:
+0 for any verdict, 2 for a bad argument or too few readable runs.
 For single-wheel measurements see find_missing_effect --wheel-table FILE.csv --help.
 """
 
 import argparse
+import dataclasses
 import random
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -26,34 +31,53 @@ from terrain_estimator.console.arguments import (
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.discovery.evidence.search import Study
-from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
+from terrain_estimator.discovery.evidence.verdict import read_thresholds
 from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
-from terrain_estimator.discovery.proof.proof import Proof, prove, settled
+from terrain_estimator.discovery.proof.soil_proof import proven
 from terrain_estimator.discovery.report.diagnosis import diagnose
-from terrain_estimator.discovery.report.finding import Finding, investigate
-from terrain_estimator.discovery.runs import Blocks
+from terrain_estimator.discovery.report.finding import investigate
+from terrain_estimator.files.journal_file import JournalError
 from terrain_estimator.files.results import ResultFolder
-from terrain_estimator.learning.finding_model import check_model, prior_of, write_model
-from terrain_estimator.model.model_file import ModelFileError
+from terrain_estimator.learning.finding_model import (
+    check_model,
+    installed_model,
+    prior_of,
+    write_model,
+)
+from terrain_estimator.model.metadata import ModelFileError
 from terrain_estimator.offline.bag_options import BagOptions, add_options, reading_of
 from terrain_estimator.offline.cluster import ClusterError
+from terrain_estimator.offline.digest import code_sha256
 from terrain_estimator.offline.discovery_runs import (
     FEW,
+    JOURNAL,
     Runs,
     Workplace,
+    contents_of,
+    read_all,
     refuse_equal,
     workplace,
 )
 from terrain_estimator.offline.finding_content import finding_content, finding_sentence
 from terrain_estimator.offline.finding_file import FINDING, asked, provenance, write_finding
+from terrain_estimator.offline.pieces import Pieces
+from terrain_estimator.offline.reading_runs import TAKE_DAMAGED
+from terrain_estimator.offline.revised_soils import SOILS, write_soils
+from terrain_estimator.offline.run_soils import SOIL, RunSoils, run_soils
+from terrain_estimator.offline.summary import write_summary
 from terrain_estimator.offline.topic_mapping import TopicError
-from terramechanics.presets import load_rover, load_soil
+from terramechanics.presets import load_rover
+from terramechanics.vehicle.rover import Rover
 
 WRONG = 2
 FEWEST = 2
+DIVISIONS = 1000
+"""Choices of held-out runs until every soil is searched; the last one where none is such."""
 ROVER = "mars_rover"
 MODEL = "model.pt"
+SEARCH = "search.json"
+"""What an unfinished search on a cluster was asked; beside its finished pieces."""
 
 
 class InputError(ValueError):
@@ -66,53 +90,92 @@ def main(arguments: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     if any(each.partition("=")[0] == "--wheel-table" for each in arguments):
         return single_wheel.main(arguments)
-    options = _parser().parse_args(arguments)
+    return search(search_parser().parse_args(arguments))
+
+
+def search(options: argparse.Namespace) -> int:
+    """Investigate the runs of the options; return the exit code."""
     torch.set_num_threads(1)
     try:
         reading = reading_of(options)
         rover = load_rover(options.rover or reading.config.rover or ROVER)
-        soil = load_soil(options.soil).for_wheel(rover.wheel_width)
-        base = options.model or reading.config.model
-        hypotheses = singles(options.library)
-        runs, held_out = _divided(options)
+        given = options.model or reading.config.model
+        base = given or installed_model(rover)
+        hypotheses = singles(options.library, rover.axles)
+        given_runs = _given_runs(options)
+        soils = run_soils(options.soil, given_runs, rover)
+        _refuse_soils_of_the_results(soils, options.out)
+        runs, held_out = _divided(options, soils)
         results, names = ResultFolder(options.out), _results(base, options.out)
         results.check(*names)
-        if base:
-            check_model(base, rover)
-        nominal = nominal_of(rover, soil, prior_of(base, rover))
+        if given:
+            check_model(given, rover)
+        elif base != rover.name:
+            sys.stderr.write(f"find_missing_effect: {_model_note(rover, base)}\n")
+        prior = prior_of(base)
+        nominal = nominal_of(rover, soils.first, prior)
+        grounds = {run: nominal_of(rover, soil, prior) for run, soil in soils.soils.items()}
+        told_asked = asked(nominal.rover.name, soils, options.seed, reading)
+
+        def identity() -> dict[str, Any]:
+            given = {"library": options.library, "take_damaged": options.take_damaged}
+            prior_told = {"prior": dataclasses.asdict(prior)}
+            places = {"runs": [*map(_full, runs)], "hold_out": [*map(_full, held_out)]}
+            inputs = provenance(nominal.rover, soils) | {"code_sha256": code_sha256()}
+            bags = contents_of([*runs, *held_out])
+            return told_asked | given | prior_told | places | inputs | bags
+
         with (
-            workplace(len(runs), options.scheduler, options.workers) as place,
+            _place(options, results, len(runs), identity) as (place, pieces),
             torch.inference_mode(),
             ProgressReport("find_missing_effect") as report,
         ):
-            usable = _read(place, runs, nominal, reading, report)
-            unseen = _read(place, held_out, nominal, reading, report, held_out=True).blocks
+            read = partial(_read, options, place, grounds=grounds, reading=reading, report=report)
+            usable, kept = read(runs), read(held_out, held_out=True)
+            unseen = kept.blocks
             refuse_equal([*usable.blocks, *unseen])
             study = Study(nominal, usable.blocks, contributions=usable.contributions)
             finding = investigate(study, hypotheses, read_thresholds(), report.at)
             diagnosis = diagnose(study, hypotheses, finding, report.at)
             report.at(0.97, "held-out runs")
-            proof = _proof(finding, nominal, unseen, options.seed, place)
-            finding = settled(finding, proof)
+            outcome = proven(finding, study, unseen, options.seed, kept.contributions)
         told = {
-            "asked": asked(nominal.rover.name, options.soil, options.seed, reading),
-            "provenance": provenance(nominal.rover, load_soil(options.soil), [*runs, *held_out]),
+            "damaged": usable.damaged | kept.damaged,
+            "left_out": [*usable.left_out, *kept.left_out],
+            "asked": told_asked,
+            "provenance": provenance(nominal.rover, soils),
         }
-        content = finding_content(finding, diagnosis, usable.blocks, unseen, proof) | told
-        with results.renewing(*names) as new:
+        content = finding_content(outcome, diagnosis, usable.blocks, unseen) | told
+        with results.renewing(*names, SEARCH) as new:
             write_finding(new, content)
-            model = write_model(finding, nominal.rover, base, options.out / MODEL, new / MODEL)
-    except (ConfigError, ClusterError, InputError, ModelFileError, TopicError, OSError) as error:
+            model = write_model(
+                outcome.finding, nominal.rover, base, options.out / MODEL, new / MODEL
+            )
+            soils_found = write_soils(outcome, new)
+        if pieces is not None:
+            pieces.end()
+    except (
+        ConfigError,
+        ClusterError,
+        InputError,
+        JournalError,
+        ModelFileError,
+        TopicError,
+        OSError,
+    ) as error:
         sys.stderr.write(f"find_missing_effect: {error}\n")
         return WRONG
     unproven = (
-        " (unproven: no run was held out)" if isinstance(model, Path) and proof is None else ""
+        " (unproven: no run was held out)"
+        if isinstance(model, Path) and outcome.proof is None
+        else ""
     )
     sys.stdout.write(
         "\n".join(
             [
-                finding_sentence(finding, diagnosis, proof),
+                finding_sentence(outcome, diagnosis),
                 *(str(options.out / name) for name in FINDING),
+                *(str(options.out / name) for name in soils_found),
                 f"{model}{unproven}",
             ]
         )
@@ -121,14 +184,25 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
+def _model_note(rover: Rover, base: str) -> str:
+    """Return in words which model stands in where none has the rover's name."""
+    return (
+        f"the model {base} is used: its rover differs from {rover.name} in names alone"
+        if base
+        else f"no installed model is for rover {rover.name}: the default prior is used, and without"
+        " --model no model is written"
+    )
+
+
 def _results(base: str, out: Path) -> tuple[str, ...]:
     """Return the names of the files to write: not the model's where that is the one to extend."""
     extended = base and Path(base).resolve() == (out / MODEL).resolve()
-    return FINDING if extended else (*FINDING, MODEL, "model.json")
+    return (*FINDING, SOILS) if extended else (*FINDING, SOILS, MODEL, "model.json")
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = command_parser("find_missing_effect", __doc__)
+def search_parser(name: str = "find_missing_effect") -> argparse.ArgumentParser:
+    """Return the parser of the options of :func:`search` for a command of this name."""
+    parser = command_parser(name, __doc__)
     parser.add_argument(
         "runs", nargs="+", type=Path, metavar="RUN", help="bags of drives, at least two"
     )
@@ -148,9 +222,23 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--model",
         default="",
-        help="name or file of the model to extend (default: parameter model, else the rover's)",
+        help="name or file of the model to extend (default: parameter model, else the installed"
+        " one of the rover, whatever its name)",
+    )
+    parser.add_argument(
+        "--soil",
+        action="append",
+        default=[],
+        metavar="[RUN=]NAME",
+        help="name of a soil or path of a soil file; RUN=NAME for one run, may be given several"
+        f" times (default: {SOIL})",
     )
     add_search_options(parser, "all that a planar rover shows", "held-out choice")
+    parser.add_argument(
+        TAKE_DAMAGED,
+        action="store_true",
+        help="use what is left of bags that end in the middle or are damaged (default: leave out)",
+    )
     add_options(parser)
     _add_processes(parser)
     return parser
@@ -170,8 +258,8 @@ def _add_processes(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _divided(options: argparse.Namespace) -> tuple[list[Path], list[Path]]:
-    """Divide the runs into those to search and those for the proof."""
+def _given_runs(options: argparse.Namespace) -> list[Path]:
+    """Return all runs; InputError where they are too few."""
     runs = list(options.runs)
     refuse_twice(
         [*runs, *options.hold_out],
@@ -182,36 +270,91 @@ def _divided(options: argparse.Namespace) -> tuple[list[Path], list[Path]]:
             f"{len(runs)} run given, at least {FEWEST} are needed: an effect must show in more than"
             " one drive"
         )
+    return [*runs, *options.hold_out]
+
+
+def _refuse_soils_of_the_results(soils: RunSoils, out: Path) -> None:
+    """Raise InputError where a soil file lies among the results, which are replaced."""
+    for name in soils.names.values():
+        if (out / SOILS).resolve() in Path(name).resolve().parents:
+            raise InputError(
+                f"--soil {name}: it is a result of {out}, which this search replaces: give another"
+                " --out, or copy the file"
+            )
+
+
+def _divided(options: argparse.Namespace, soils: RunSoils) -> tuple[list[Path], list[Path]]:
+    """Divide the runs into those to search and those for the proof.
+
+    Every soil has a searched run, where that leaves enough runs for the proof.
+    """
+    runs = list(options.runs)
     if options.hold_out:
         return runs, list(options.hold_out)
     # With two runs both are needed for the search, and the finding stays unproven.
     count = max(len(runs) // 4, 1) if len(runs) > FEWEST else 0
-    # a reproducible choice, no secret
-    held_out = set(random.Random(options.seed).sample(range(len(runs)), count))  # noqa: S311
-    return [run for k, run in enumerate(runs) if k not in held_out], [
-        run for k, run in enumerate(runs) if k in held_out
-    ]
+    searched, generator = runs, random.Random(options.seed)  # noqa: S311 - a reproducible choice, no secret
+    for _ in range(DIVISIONS):
+        held_out = set(generator.sample(range(len(runs)), count))
+        searched = [run for k, run in enumerate(runs) if k not in held_out]
+        if {soils.soils[run] for run in searched} == set(soils.soils.values()):
+            break
+    return searched, [run for run in runs if run not in searched]
+
+
+@contextmanager
+def _place(
+    options: argparse.Namespace,
+    results: ResultFolder,
+    runs: int,
+    identity: Callable[[], Mapping[str, Any]],
+) -> Iterator[tuple[Workplace, Pieces | None]]:
+    """Open the place of the work; say how much of it an earlier run of this command has done."""
+
+    def begun() -> Mapping[str, Any]:
+        asked_for = identity()
+        if not (options.out / JOURNAL).exists():
+            with results.renewing(SEARCH) as new:
+                write_summary(new / SEARCH, dict(asked_for))
+        return asked_for
+
+    with workplace(runs, options.scheduler, options.workers, options.out, begun) as (place, pieces):
+        if pieces is not None and pieces.finished:
+            sys.stderr.write(
+                f"find_missing_effect: {options.out} has {pieces.finished} finished pieces of this"
+                " search: it goes on\n"
+            )
+        yield place, pieces
+
+
+def _full(path: Path) -> str:
+    return str(path.absolute())
 
 
 def _read(
+    options: argparse.Namespace,
     place: Workplace,
     bags: Sequence[Path],
-    nominal: Nominal,
+    *,
+    grounds: Mapping[Path, Nominal],
     reading: BagOptions,
     report: ProgressReport,
-    *,
     held_out: bool = False,
 ) -> Runs:
     """Read all runs; report and leave out those that are unusable, or too short to be held out."""
-    found = place.read(
+    found = read_all(
+        place,
         bags,
-        nominal,
+        [grounds[bag] for bag in bags],
         reading,
         lambda share, note: report.at(_READING * share, note),
         held_out=held_out,
+        take_damaged=options.take_damaged,
     )
     for reason in found.left_out:
-        sys.stderr.write(f"find_missing_effect: {reason}\n")
+        report.say(f"find_missing_effect: {reason}")
+    for run in {blocks.name for blocks in found.blocks} & found.damaged.keys():
+        report.say(f"find_missing_effect: {run} is damaged and used: {found.damaged[run]}")
     if len(found.blocks) < FEWEST and not held_out:
         raise InputError(
             f"{len(found.blocks)} of {len(bags)} runs can be used, at least {FEWEST} are needed"
@@ -221,21 +364,6 @@ def _read(
 
 _READING = 0.03
 """[1] Approximate share of the time that reading takes."""
-
-
-def _proof(
-    finding: Finding, nominal: Nominal, unseen: Sequence[Blocks], seed: int, place: Workplace
-) -> Proof | None:
-    """Prove the best name on held-out runs, or score the nominal model alone where none is named.
-
-    None where no run is held out.
-    """
-    named = finding.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
-    return (
-        prove(nominal, finding.best if named else None, unseen, seed, place.spread)
-        if unseen
-        else None
-    )
 
 
 if __name__ == "__main__":

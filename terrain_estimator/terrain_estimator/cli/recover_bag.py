@@ -10,7 +10,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from terrain_estimator.bags import BagError, Recovery, bag_name, recover
+from terrain_estimator.bags import BagError, bag_name, recover
 from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.files.results import new_folder
@@ -40,7 +40,7 @@ def main(arguments: list[str] | None = None) -> int:
     except (BagError, OSError) as error:
         print(f"recover_bag: {error}", file=sys.stderr)
         return WRONG
-    print(f"{target}: {report(recovery)}")
+    print(f"{target}: {recovery.words}")
     if options.replace and recovery.span.count:
         print(f"the damaged bag is now {aside}")
     return 0 if recovery.span.count else NOTHING
@@ -54,28 +54,6 @@ def _exchange(bag: Path, aside: Path, target: Path) -> None:
     except OSError:
         aside.rename(bag)
         raise
-
-
-def report(recovery: Recovery) -> str:
-    """Describe what was recovered, and what was lost."""
-    damage, span = recovery.damage, recovery.span
-    if not span.count:
-        return "; ".join(["no message is left", *recovery.notes])
-    parts = [f"{span.count} messages in {span.duration_ns / 1e9:.3f} s recovered"]
-    if recovery.expected is None:
-        parts.append(
-            f"{recovery.lost or 'none'} lost before the last one; it is unknown whether"
-            " more followed"
-        )
-    else:
-        parts.append(f"{recovery.lost or 'none'} of {recovery.expected} lost")
-    if damage.torn:
-        parts.append(f"{damage.torn} cut off")
-    if damage.chunks:
-        parts.append(f"{damage.chunks} chunks damaged")
-    if damage.passed_over:
-        parts.append(f"{damage.passed_over} bytes unreadable")
-    return "; ".join([", ".join(parts), *recovery.notes])
 
 
 def _parser() -> argparse.ArgumentParser:

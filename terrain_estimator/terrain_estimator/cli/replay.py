@@ -13,11 +13,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import torch
-
 from rover_parameters.parameters import template
 from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError
+from terrain_estimator.compiled.finding import Chosen, load
 from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
@@ -26,9 +25,11 @@ from terrain_estimator.estimator.summary import Beliefs
 from terrain_estimator.files.atomic import OutputError, write_file
 from terrain_estimator.files.results import ResultFolder, check_new, write_new
 from terrain_estimator.messaging.pipeline import rover_of
-from terrain_estimator.model.model_file import LoadedModel, ModelFileError, load_model
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.metadata import ModelFileError
 from terrain_estimator.offline.bag_options import add_options, node_config
-from terrain_estimator.offline.replay import Replay, Start, compare_with_live, replay
+from terrain_estimator.offline.replay import Start, compare_with_live, replay
+from terrain_estimator.offline.replay_result import Replay
 from terrain_estimator.offline.run_names import run_names
 from terrain_estimator.offline.summary import print_table, summary, write_summary
 from terrain_estimator.offline.topic_mapping import TopicError, absolute, bag_topics
@@ -44,22 +45,22 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if not (options.bags or options.dump_config):
         parser.error("no bag is named: give the folder of a recording")
-    torch.set_num_threads(1)  # as in the live node: the order of a sum is part of its result
     try:
         parameters = node_config(options, **({"model": options.model} if options.model else {}))
         config = parameters.estimator
         if options.dump_config:
             print(template(absolute("estimator", options.namespace), parameters))
             return 0
-        model = load_model(config.model)
+        chosen = load(config.model, config.runtime)
+        model = chosen.model
         names = bag_topics(options.remap, options.namespace)
-        rover_of(model, config.rover)
+        rover_of(model.metadata, config.rover)
         Beliefs.of(model.metadata, config.core)
         start = Start.read(options.state, model.sha256) if options.state else None
         output = _ReplayFiles(options)
     except (ModelFileError, ConfigError, TopicError, StateFileError, OSError) as error:
         return _refuse(str(error))
-    return _replay_all(options, model, config, names, start, output)
+    return _replay_all(options, chosen, config, names, start, output)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -148,7 +149,7 @@ class _ReplayFiles:
 
 def _replay_all(
     options: argparse.Namespace,
-    model: LoadedModel,
+    chosen: Chosen,
     config: EstimatorConfig,
     names: dict[str, str],
     start: Start | None,
@@ -163,7 +164,7 @@ def _replay_all(
     for bag, name in zip(options.bags, output.runs, strict=True):
         try:
             with output.renewing(name) as place:
-                replays.append(replay(bag, place, model, config, names, start))
+                replays.append(replay(bag, place, chosen, config, names, start))
             replays[-1].name, replays[-1].estimates_bag = name, output.results.path / place.name
             if options.compare:
                 compare_with_live(replays[-1], names)
@@ -172,7 +173,7 @@ def _replay_all(
             _refuse(str(error))
     if replays:
         print_table(replays)
-        failed |= not _tell(output, replays, model, config)
+        failed |= not _tell(output, replays, chosen.model, config)
     if failed:
         return WRONG
     if any(each.differences and any(each.differences.values()) for each in replays):

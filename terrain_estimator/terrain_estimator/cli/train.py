@@ -28,7 +28,7 @@ from terrain_estimator.learning.loss import Orthogonality
 from terrain_estimator.learning.regression import Regression
 from terrain_estimator.learning.tasks import BENCHMARK, PAPER, ROVERS, SOILS, draw_tasks
 from terrain_estimator.learning.training import Progress, Recipe, build_model, train
-from terrain_estimator.model.model_file import Metadata, ModelFileError, Training
+from terrain_estimator.model.metadata import Metadata, ModelFileError, Training
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terrain_estimator.offline.cluster import cluster

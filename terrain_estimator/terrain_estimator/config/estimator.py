@@ -209,10 +209,20 @@ class PairingConfig:
     )
 
 
+AUTO, COMPILED, TORCHSCRIPT = "auto", "compiled", "torchscript"
+RUNTIMES = (AUTO, COMPILED, TORCHSCRIPT)
+"""What may run a model; ``auto``: the compiled core where there is one, else TorchScript."""
+
+
 @dataclass(frozen=True, slots=True)
 class EstimatorConfig:
     """All parameters that change estimates: those of replay."""
 
+    runtime: str = entry(
+        "what runs the model: compiled, torchscript, or auto for the compiled core where there is"
+        " one; replay takes the recorded one for auto",
+        AUTO,
+    )
     model: str = entry("name of an installed model, or path of a model file; empty: mars_rover", "")
     rover: str = entry("name or file of the rover; empty: the model's", "")
     core: CoreConfig = field(default_factory=CoreConfig, metadata=INLINE)
@@ -229,6 +239,8 @@ class EstimatorConfig:
         """
         values = effective(self)
         del values["model"], values["rover"]
+        if self.runtime != COMPILED:  # recordings are older than the other runtime
+            del values["runtime"]
         return fingerprint(values | {"rover_sha256": rover_sha256})
 
 

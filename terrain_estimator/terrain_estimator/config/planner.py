@@ -9,6 +9,18 @@ from rover_parameters.records import entry, number
 from terrain_estimator.config.estimator import PairingConfig
 
 
+def pull_deviation_entry() -> float:
+    """Return the entry for the doubt of a forecast pull, which planner and map have."""
+    return number(
+        "standard deviation of the pull in addition to that from c and tan phi, for unknown soil"
+        " constants and effects",
+        "weights",
+        0.0,
+        1.0,
+        default=0.015,
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class AdviceConfig:
     """Parameters of :class:`terrain_estimator.planning.planner.Planner`."""
@@ -30,14 +42,7 @@ class AdviceConfig:
         0.999,
         default=0.5,
     )
-    pull_deviation: float = number(
-        "standard deviation of the pull in addition to that from c and tan phi, for unknown soil"
-        " constants and effects",
-        "weights",
-        0.0,
-        1.0,
-        default=0.015,
-    )
+    pull_deviation: float = pull_deviation_entry()
     window_s: float = number(
         "time over which measurements are averaged; outliers are left out",
         "s",

@@ -26,6 +26,14 @@ class SlipSourceConfig:
         BODY_FRAME,
         empty=True,
     )
+    track_width: float = number(
+        "distance between the centres of left and right wheels, by which the yaw rate of velocity"
+        " (twist.twist.angular.z) changes their speeds; 0: as straight ahead",
+        "m",
+        0.0,
+        100.0,
+        default=0.0,
+    )
     standstill_speed: float = number(
         "rim speed below which a wheel counts as standing; its slip is NaN",
         "m/s",

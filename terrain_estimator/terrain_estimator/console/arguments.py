@@ -76,11 +76,6 @@ def effects(text: str) -> tuple[str, ...]:
 def add_search_options(parser: ArgumentParser, library: str, seed: str) -> None:
     """Add the options of every search for effects; ``library`` and ``seed`` explain two of them."""
     parser.add_argument(
-        "--soil",
-        default="loose_sand",
-        help="name of a soil or path of a soil file (default: %(default)s)",
-    )
-    parser.add_argument(
         "--library",
         type=effects,
         default=(),

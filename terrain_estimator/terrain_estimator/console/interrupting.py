@@ -5,6 +5,7 @@
 import functools
 import signal
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import ParamSpec
@@ -27,7 +28,9 @@ def interruptible(main: Callable[_Given, int]) -> Callable[_Given, int]:
 
     @functools.wraps(main)
     def run(*args: _Given.args, **kwargs: _Given.kwargs) -> int:
-        before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+        # elsewhere, as in a worker of dask, signals are not ours to handle
+        first = threading.current_thread() is threading.main_thread()
+        before = signal.signal(signal.SIGTERM, signal.default_int_handler) if first else None
         try:
             with printable_output():
                 return main(*args, **kwargs)
@@ -38,6 +41,7 @@ def interruptible(main: Callable[_Given, int]) -> Callable[_Given, int]:
             sys.stderr.write(f"{name}: the memory is full: close other programs, or give less\n")
             return NO_MEMORY
         finally:
-            signal.signal(signal.SIGTERM, before)
+            if first:
+                signal.signal(signal.SIGTERM, before)
 
     return run

@@ -22,9 +22,9 @@ LINE_PERIOD_S = 5.0
 class ProgressReport:
     """Progress of one job; use as a context manager and call :meth:`at`, which is cheap."""
 
-    def __init__(self, title: str) -> None:
-        """Set the title, which stands before the percentage."""
-        self._title = title
+    def __init__(self, title: str, *, silent: bool = False) -> None:
+        """Set the title, which stands before the percentage; a ``silent`` job shows nothing."""
+        self._title, self._silent = title, silent
         columns = (
             TextColumn("{task.description}"),
             BarColumn(),
@@ -36,7 +36,7 @@ class ProgressReport:
         # the bar moves the cursor; its texts are made printable here
         self._bar = (
             Progress(*columns, console=Console(file=unguarded(sys.stderr)), transient=True)
-            if sys.stderr.isatty()
+            if sys.stderr.isatty() and not silent
             else None
         )
         self._task = (
@@ -48,12 +48,21 @@ class ProgressReport:
         """Show the share of the job that is done, 0 to 1, followed by ``note``."""
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=share, note=printable_line(note))
-        elif time.monotonic() - self._shown_s > LINE_PERIOD_S and share > 0.0:
+        elif time.monotonic() - self._shown_s > LINE_PERIOD_S and share > 0.0 and not self._silent:
             self._shown_s = time.monotonic()
             left_s = (self._shown_s - self._started_s) * (1.0 - share) / share
             sys.stderr.write(
                 f"{self._title}: {share:.0%}, {left_s:.0f} s left {note}".rstrip() + "\n"
             )
+
+    def say(self, line: str) -> None:
+        """Write a line above the bar."""
+        if self._bar:
+            self._bar.console.print(
+                printable_line(line), highlight=False, markup=False, soft_wrap=True
+            )
+        else:
+            sys.stderr.write(f"{line}\n")
 
     def __enter__(self) -> Self:
         """Show the bar."""

@@ -6,7 +6,7 @@
     # fits "nothing is missing"
     study = Study(nominal, [cut(run, nominal.contact) for run in runs])
     # each named effect, the most probable first
-    candidates = search(study, singles(), progress)
+    candidates = search(study, foresee(study, singles(), progress), progress)
     # the rest beside the best one
     study.with_discrepancy(candidates[0])
     # all of it, and the verdict

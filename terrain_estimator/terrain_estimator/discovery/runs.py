@@ -4,7 +4,7 @@
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
@@ -12,11 +12,15 @@ from torch import Tensor
 
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.screening import screen
-from terrain_estimator.model.packing import BLOCK, ground_torque, link, pack, view_of, without_link
+from terrain_estimator.model.packed_observation import BLOCK, ground_torque, link, pack
+from terrain_estimator.model.packing import view_of, without_link
 from terrain_estimator.model.rows import ContactModel, usable_wheels
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
+from terramechanics.contact.ruts import ruts_by_distance
+from terramechanics.contact.scm import Rut
 from terramechanics.simulation.sample import TIME_STEP
+from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 
 PIECE = 5
@@ -74,7 +78,7 @@ def run_of(
         RunError: none of them can be used, and why.
     """
     last: Observation | None = None
-    packed: list[Tensor] = []
+    packed: list[Floats] = []
     rates: list[Floats] = []
     stamps: list[int] = []
     for observation in observations:
@@ -98,7 +102,9 @@ def run_of(
     if not packed:
         raise RunError(f"{name}: no observation can be used: {refusals}")
     seconds = torch.tensor([(stamp - stamps[0]) * 1e-9 for stamp in stamps], dtype=torch.float64)
-    return RecordedRun(name, torch.stack(packed), torch.from_numpy(np.stack(rates)), seconds)
+    return RecordedRun(
+        name, torch.from_numpy(np.stack(packed)), torch.from_numpy(np.stack(rates)), seconds
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,14 +137,23 @@ class Blocks:
     ends: Tensor  # [B, 2] numbers of the velocity before and after the block
     velocities: int  # V
     signals: Signals
+    soil: Soil | None = None  # below this run; None: that of the nominal model
+    ruts: Rut | None = None  # [B, BLOCK, A] below each wheel, by distance; None: not known
+    encoders: bool = True  # False where wheel rates are only those of velocity and slip
 
     def between(self, first: int, last: int) -> "Blocks":
         """Return blocks ``first`` to ``last - 1`` as a run of their own."""
         here = slice(first, last)
         ends = self.ends[here] - self.ends[first, 0]
         signals = Signals(*(getattr(self.signals, item.name)[here] for item in fields(Signals)))
-        return Blocks(
-            self.name, self.packed[here], self.wheel_rate[here], ends, int(ends[-1, 1]) + 1, signals
+        return replace(
+            self,
+            packed=self.packed[here],
+            wheel_rate=self.wheel_rate[here],
+            ends=ends,
+            velocities=int(ends[-1, 1]) + 1,
+            signals=signals,
+            ruts=None if self.ruts is None else Rut(*(part[here] for part in self.ruts)),
         )
 
     def follows(self) -> Tensor:
@@ -182,11 +197,34 @@ def cut(run: RecordedRun, nominal: ContactModel) -> Blocks:
     known = torch.where(torch.isfinite(rate), rate, _rim_rate(packed, axles, nominal.radius))
     signals = _signals(packed, known * nominal.radius, run.time[index])
     return Blocks(
-        run.name, packed, known, torch.stack([last - 1, last], 1), int(last[-1]) + 1, signals
+        run.name,
+        packed,
+        known,
+        torch.stack([last - 1, last], 1),
+        int(last[-1]) + 1,
+        signals,
+        ruts=_ruts(packed, run.time[index], nominal),
+        encoders=bool(torch.isfinite(rate).any()),
     )
 
 
 _FEWEST = 5
+
+
+def _ruts(packed: Tensor, time: Tensor, nominal: ContactModel) -> Rut:
+    """Return the ruts [B, n, A] that the wheels before left below every wheel.
+
+    Slip and sinkage of the wheels before are means over a block.
+    """
+    axle_x = nominal.geometry.axle_x
+    view = view_of(packed, axle_x.shape[0])
+    speed, seconds = view.velocity.mean(1).clamp(min=0.0), time.mean(1)
+    gone = torch.nn.functional.pad(torch.cumulative_trapezoid(speed, seconds), [1, 0])
+    at = gone.unsqueeze(1) + speed.unsqueeze(1) * (time - seconds.unsqueeze(1))
+    ruts = ruts_by_distance(
+        gone, view.slip.mean(1), view.sinkage.mean(1), axle_x, nominal.radius, at.flatten()
+    )
+    return Rut(*(part.view(*time.shape, -1) for part in ruts))
 
 
 def _starts(usable: list[bool], linked: list[bool]) -> tuple[list[int], list[bool]]:

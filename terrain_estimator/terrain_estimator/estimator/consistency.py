@@ -37,10 +37,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
-from scipy.special import chdtri, ndtr
 
+from terrain_estimator.distributions import chi_square_limit, normal_cdf, normal_quantile
 from terrain_estimator.estimator.intake import ADVICE as CHECK
+from terrain_estimator.estimator.recent_seconds import LAGS, RecentSeconds, known, products_of
 from terrain_estimator.observation import Floats
 from terrain_estimator.update import Disagreement, RowFit
 
@@ -51,8 +51,6 @@ For the second level a window that is not full yet has all seconds that there ar
 """
 FEWEST = 20
 """[seconds of driving] Fewer are not tested for side and memory."""
-LAGS = 3
-"""[seconds of driving] Between two innovations that are compared."""
 FALSE_ALARM = 1e-6
 """[1] Probability that honest seconds fail one test: one in 28 hours of ten tests a second."""
 DOUBTFUL = 0.005
@@ -63,7 +61,7 @@ PUBLISHED = 60
 """[seconds of driving] Over which the fit of each row is published."""
 DELAY = 5
 """[seconds of driving] In which a change of the ground may explain a misfit."""
-REACH = math.sqrt(float(chdtri(1, LARGEST)))
+REACH = math.sqrt(chi_square_limit(1, LARGEST))
 """[1] A row's innovation counts for no more."""
 CHANGING = 0.5
 """[1] Probability of a change above which it is accepted."""
@@ -72,6 +70,7 @@ CROSSING = 15
 REST = 45
 """[seconds of driving] From one change to the next; an earlier one explains no misfit."""
 ADVICE = f"{CHECK}; find_missing_effect names rows and effects from a recording"
+_ITERATIONS, _CLOSE = 100, 1e-12
 _SIGNALS = {
     "velocity": "slip and odometry",
     "load": "sinkage and the rover's mass",
@@ -99,14 +98,16 @@ class Tested(NamedTuple):
     """One test of a window, and what honest seconds would have."""
 
     value: float
-    limit: Callable[[float], float]  # what honest seconds exceed with a probability [1]
+    # what honest seconds exceed with a probability [1], and a smaller number that costs little
+    limit: Callable[[float], float]
+    floor: Callable[[float], float]
     window: int  # [seconds of driving]
     how: str  # the window misses the model
-    shares: Floats  # [R] in which row it shows most
+    shares: Callable[[], Floats]  # [R] in which row it shows most
 
     def fails(self, probability: float) -> bool:
         """Return whether honest seconds exceed the value with less than ``probability`` [1]."""
-        return self.value > self.limit(probability)
+        return self.value > self.floor(probability) and self.value > self.limit(probability)
 
     def words(self, probability: float) -> str:
         """Return the failure in words."""
@@ -133,9 +134,15 @@ class Consistency:
         driving] is the time since a change was let be, up to REST.
         """
         self.rows = tuple(rows)
-        self.judged = deque(judged, maxlen=max(WINDOWS))
+        self._columns = 2 + 2 * len(self.rows)
+        self._recent = RecentSeconds(np.reshape([*judged], (-1, self._columns)), max(WINDOWS))
         self.pending = deque(pending, maxlen=DELAY)
         self.since_change = since_change
+
+    @property
+    def judged(self) -> Floats:
+        """The seconds that count [n, 2 + 2 R]."""
+        return self._recent.seconds
 
     def add(self, fit: SecondFit, changed: float) -> None:
         """Take a closed second; ``changed`` [1] is the probability of a change around it."""
@@ -144,22 +151,22 @@ class Consistency:
             if self.since_change == REST:
                 self.since_change = 0
             if self.since_change < CROSSING:
-                self.judged.clear()
+                self._recent = RecentSeconds(self.judged[:0], max(WINDOWS))
                 self.pending.clear()
                 return
         if len(self.pending) == DELAY:
-            self.judged.append(self.pending[0])
+            self._recent.append(self.pending[0])
         # no second counts for more than honest ones hardly ever reach
         size = [min(fit.misfit, limit(LARGEST, fit.degrees)), fit.degrees]
-        misses = np.clip([*fit.single, *fit.white], -REACH, REACH)
-        self.pending.append(np.concatenate([size, misses]))
+        misses = [*fit.single.tolist(), *fit.white.tolist()]
+        within = [-REACH if each < -REACH else min(each, REACH) for each in misses]
+        self.pending.append(np.array([*size, *within]))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return what to keep, as arrays; ``judged`` and ``pending`` are [n, 2 + 2 R]."""
-        columns = 2 + 2 * len(self.rows)
         return {
-            "judged": np.array(self.judged).reshape(-1, columns),
-            "pending": np.array(self.pending).reshape(-1, columns),
+            "judged": self.judged.copy(),
+            "pending": np.reshape([*self.pending], (-1, self._columns)),
             "since_change": np.array(self.since_change, dtype=np.int64),
         }
 
@@ -167,12 +174,19 @@ class Consistency:
         """Return how each row missed in the last seconds, of the rows that enough of them had."""
         if len(self.judged) < WINDOWS[0]:
             return ()
-        single = np.array(self.judged)[-PUBLISHED:, 2 : 2 + len(self.rows)]
-        return tuple(
-            RowFit(row, float(there.mean()), float(there.std()))
-            for row, misses in zip(self.rows, single.T, strict=True)
-            if len(there := misses[np.isfinite(misses)]) >= WINDOWS[0]
-        )
+        single = self.judged[-PUBLISHED:, 2 : 2 + len(self.rows)]
+        total = np.add.reduce(single)
+        if all(map(math.isfinite, total.tolist())):  # nearly always all rows are there
+            offset = total / len(single)
+            spread = np.sqrt(np.add.reduce((single - offset) ** 2) / len(single))
+            return tuple(map(RowFit, self.rows, offset.tolist(), spread.tolist()))
+        there = np.isfinite(single)
+        number = there.sum(0)
+        least = np.maximum(number, 1)
+        offset = np.where(there, single, 0.0).sum(0) / least
+        spread = np.sqrt((np.where(there, single - offset, 0.0) ** 2).sum(0) / least)
+        every = zip(self.rows, number.tolist(), offset.tolist(), spread.tolist(), strict=True)
+        return tuple(RowFit(row, *fit) for row, n, *fit in every if n >= WINDOWS[0])
 
     def judge(self) -> tuple[tuple[Disagreement, ...], str]:
         """Return the reason why the model does not fit, and why nothing confirms that it does.
@@ -190,7 +204,7 @@ class Consistency:
         return ((self._disagreement(wrong),) if wrong else ()), doubt
 
     def _disagreement(self, failed: Tested) -> Disagreement:
-        row = self.rows[int(np.argmax(failed.shares))]
+        row = self.rows[int(np.argmax(failed.shares()))]
         return Disagreement(
             "the model does not fit this rover or ground:"
             f" {failed.words(FALSE_ALARM)}, {self._row(failed)}",
@@ -198,59 +212,73 @@ class Consistency:
         )
 
     def _row(self, failed: Tested) -> str:
-        return f"most in row {self.rows[int(np.argmax(failed.shares))]}"
+        return f"most in row {self.rows[int(np.argmax(failed.shares()))]}"
 
     def _tests(self) -> Iterator[Tested]:
-        """Yield the tests of every window; one that is not full has all seconds that there are."""
-        every, rows = np.array(self.judged), len(self.rows)
-        misfit, degrees, single, white = np.split(every, [1, 2, 2 + rows], axis=1)
-        for window in dict.fromkeys(min(each, len(every)) for each in WINDOWS):
+        """Yield the tests of every window that may fail.
+
+        A window that is not full has all seconds that there are. Nearly all tests are far below
+        the least that any level asks for, and are not looked at further.
+        """
+        seconds = len(self.judged)
+        single = self.judged[:, 2 : 2 + len(self.rows)]
+        windows = list(dict.fromkeys(min(each, seconds) for each in WINDOWS))
+        for window, told in zip(windows, self._recent.told(windows), strict=True):
             own = single[-window:]
-            yield _size(misfit[-window:], degrees[-window:], own)
-            if window >= FEWEST:
-                yield _side(white[-window:], own)
-                yield _memory(white[-window:], own)
+            if told.distance > _floor(DOUBTFUL, told.freedom):
+                size = told.distance, *_limits(told.freedom)
+                yield Tested(*size, window, "", functools.partial(_size_shares, own))
+            if window < FEWEST:
+                continue
+            if told.square > _floor(DOUBTFUL, told.present):
+                side = told.square, *_limits(told.present)
+                yield Tested(*side, window, " to one side,", functools.partial(_side_shares, own))
+            # the limit of a skewed variable is above that of a normal one
+            value = told.product / math.sqrt(max(told.compared, 1.0))
+            if value > normal_limit(DOUBTFUL):
+                most = functools.partial(
+                    memory_limit, seconds=window, rows=round(told.compared / _compared(window), 1)
+                )
+                how = " alike one after another,"
+                shares = functools.partial(_memory_shares, own)
+                yield Tested(value, most, normal_limit, window, how, shares)
 
 
-def _size(misfit: Floats, degrees: Floats, single: Floats) -> Tested:
-    """Test the squared distances [n, 1]; ``single`` is [n, R]."""
-    shares = np.nansum(single**2, 0)
-    most = functools.partial(limit, degrees=int(degrees.sum()))
-    return Tested(float(misfit.sum()), most, len(single), "", shares)
+def _size_shares(single: Floats) -> Floats:
+    """Return in which row [R] the squared distances of innovations [n, R] show most."""
+    return np.asarray(np.nansum(single**2, 0))
 
 
-def _side(white: Floats, single: Floats) -> Tested:
-    """Test the means of whitened innovations [n, R]."""
-    sums, numbers = _sums(white)
-    value, there = float((sums**2 / np.maximum(numbers, 1)).sum()), int((numbers > 0).sum())
-    own, count = _sums(single)
-    shares = own**2 / np.maximum(count, 1)
-    most = functools.partial(limit, degrees=there)
-    return Tested(value, most, len(white), " to one side,", shares)
+def _side_shares(single: Floats) -> Floats:
+    """Return in which row [R] the means show most."""
+    number = np.isfinite(single).sum(0)
+    return np.asarray(np.nansum(single, 0) ** 2 / np.maximum(number, 1))
 
 
-def _memory(white: Floats, single: Floats) -> Tested:
-    """Test the products of whitened innovations [n, R] with those of seconds before."""
-    sums, numbers = _products(white)
-    every = float(numbers.sum())
-    value = float(sums.sum()) / math.sqrt(max(every, 1.0))
-    own, count = _products(single)
-    rows = round(every / _compared(len(white)), 1)
-    most = functools.partial(memory_limit, seconds=len(white), rows=rows)
-    shares = own / np.sqrt(np.maximum(count, 1))
-    return Tested(value, most, len(white), " alike one after another,", shares)
+def _memory_shares(single: Floats) -> Floats:
+    """Return in which row [R] the products show most."""
+    there = known(single)
+    each = [products_of(there[:, :, [row]]).sum((0, 2)) for row in range(single.shape[1])]
+    total, count = np.array(each).T
+    return np.asarray(total / np.sqrt(np.maximum(count, 1.0)))
 
 
-def _sums(misses: Floats) -> tuple[Floats, Floats]:
-    """Return the sum [R] of each row's numbers, and how many they are [R]."""
-    return np.nansum(misses, 0), np.isfinite(misses).sum(0)
+def _limits(degrees: int) -> tuple[Callable[[float], float], Callable[[float], float]]:
+    """Return limit and floor of a chi-square variable."""
+    most = functools.partial(limit, degrees=degrees)
+    return most, functools.partial(_floor, degrees=degrees)
 
 
-def _products(misses: Floats) -> tuple[Floats, Floats]:
-    """Return the sum [R] of the products over LAGS, and how many they are [R]."""
-    parts = [_sums(misses[lag:] * misses[:-lag]) for lag in range(1, LAGS + 1)]
-    products, numbers = np.sum(parts, 0)
-    return products, numbers
+def _floor(probability: float, degrees: int) -> float:
+    """Return less than what a chi-square variable exceeds with ``probability`` [1]."""
+    # skewed upwards, so above that of a normal variable with its moments
+    return degrees + math.sqrt(2.0 * degrees) * normal_limit(probability)
+
+
+@functools.lru_cache
+def normal_limit(probability: float) -> float:
+    """Return what a standard normal variable exceeds with ``probability`` [1]."""
+    return -float(normal_quantile(probability))
 
 
 def _compared(seconds: int) -> int:
@@ -278,24 +306,42 @@ def memory_limit(probability: float, seconds: int, rows: float) -> float:
         return math.inf
     values = _eigenvalues(seconds)
 
-    def at(share: float) -> tuple[float, float]:
-        """Return sum and probability to exceed it; ``share`` of the largest saddle point."""
-        point = 0.5 * share / values[-1]
+    def at(nearness: float) -> tuple[float, float]:
+        """Return sum and probability to exceed it; ``nearness`` of the largest saddle point."""
+        point = -0.5 * math.expm1(-nearness) / values[-1]
         rest = 1.0 - 2.0 * point * values
         total = rows * float((values / rest).sum())
         spread = rows * float((2.0 * values**2 / rest**2).sum())
         below = -0.5 * rows * float(np.log(rest).sum())
         signed = math.sqrt(2.0 * (point * total - below))
         density = math.exp(-0.5 * signed**2) / math.sqrt(2.0 * math.pi)
-        tail = float(ndtr(-signed)) + density * (1.0 / (point * math.sqrt(spread)) - 1.0 / signed)
-        return total, tail
+        beyond = 1.0 / (point * math.sqrt(spread)) - 1.0 / signed
+        return total, float(normal_cdf(-signed)) + density * beyond
 
-    least, most = 1e-3, 1.0 - 1e-9
-    share = brentq(lambda each: at(each)[1] - probability, least, most)
-    return at(share)[0] / math.sqrt(rows * _compared(seconds))
+    nearness = _root(lambda each: math.log(max(at(each)[1], 1e-300) / probability), 1e-3, 20.0)
+    return at(nearness)[0] / math.sqrt(rows * _compared(seconds))
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    """Return where a falling function is zero (false position; Dowell and Jarratt 1971)."""
+    above, below = function(low), function(high)
+    middle, was_above = low, False
+    for number in range(_ITERATIONS):
+        last = middle
+        middle = low + (high - low) * above / (above - below)
+        value = function(middle)
+        again = number > 0 and (value > 0.0) == was_above  # the other end stays a second time
+        was_above = value > 0.0
+        if was_above:
+            low, above, below = middle, value, below * (0.5 if again else 1.0)
+        else:
+            high, below, above = middle, value, above * (0.5 if again else 1.0)
+        if abs(middle - last) < _CLOSE:
+            break
+    return middle
 
 
 @functools.lru_cache
 def limit(probability: float, degrees: int) -> float:
     """Return what a chi-square variable exceeds with ``probability`` [1]; infinite for 0."""
-    return float(chdtri(degrees, probability)) if probability > 0.0 else math.inf
+    return chi_square_limit(degrees, probability)

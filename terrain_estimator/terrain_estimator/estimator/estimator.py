@@ -3,11 +3,12 @@
 """The estimator: one observation in, one update out, without a clock, a log or a file."""
 
 import dataclasses
+import functools
 import math
+import sys
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from rover_parameters.records import ConfigError
@@ -15,14 +16,15 @@ from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.consistency import Consistency, SecondFit, limit
 from terrain_estimator.estimator.forecasting import Forecast, Forecasting
 from terrain_estimator.estimator.intake import Intake, mostly_refused
-from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, judged
+from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, State, judged
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
 from terrain_estimator.estimator.screening import Screening, screen
-from terrain_estimator.estimator.soundness import unsound
+from terrain_estimator.estimator.soundness import unsound, unsound_answer, unsound_fit
 from terrain_estimator.estimator.summary import Beliefs, deviation, inflated, summarise
-from terrain_estimator.model.model_file import LoadedModel, running
-from terrain_estimator.model.packing import LONGEST_GAP, ground_torque, link, pack
-from terrain_estimator.model.state import State
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.packed_observation import LONGEST_GAP, ground_torque, link, pack
+from terrain_estimator.model.report import Report
+from terrain_estimator.model.runtime import RuntimeState
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import (
@@ -35,9 +37,7 @@ from terrain_estimator.update import (
     Update,
 )
 
-_NAN = math.nan
-# parts of the state from which all published numbers come
-_PUBLISHED = ("strength_mean", "strength_covariance", "expected", "covariance")
+_NAN, _EPSILON = math.nan, sys.float_info.epsilon
 _PATIENCE = 15
 """Blocks in a row that fit no ground at all, after which the prior holds again.
 
@@ -56,9 +56,10 @@ class Estimator:
         Raises:
             ConfigError: the prior is unknown to the model, or gives no sound estimate.
         """
-        self._module = model.module
+        self._runtime = model.runtime
         self._rover = model.rover
         self._rows = model.rows
+        self._moments = tuple(row for row in model.rows if "moment" in row)
         self._effects = model.effects
         self._config = config
         self._step_s, self._block = model.metadata.step_s, model.metadata.block
@@ -68,7 +69,7 @@ class Estimator:
         self.reopened = 0  # times that the prior came back by itself
         self.reset()
         self._prior = self._published.estimate
-        if reason := unsound(self._prior, NOTHING_PREDICTED):
+        if reason := self._published.unsound:
             raise ConfigError(
                 f"parameters prior.*: the prior's {reason}: give means and deviations of soils, in"
                 " Pa and 1"
@@ -94,14 +95,13 @@ class Estimator:
         self._forecasting.forget()
         self._summarise()
 
-    def _start(self) -> State:
+    def _start(self) -> RuntimeState:
         """Return the model's state before the first observation, with the prior in use."""
         beliefs = self._beliefs
-        soils = torch.tensor(beliefs.prior_soils, dtype=torch.float64)
-        prior = (torch.from_numpy(beliefs.prior_mean), torch.from_numpy(beliefs.prior_sd), soils)
-        with running():
-            state: State = self._module.initial_with_prior(*prior, self._config.drift)
-        return state
+        soils = np.array(beliefs.prior_soils)
+        return self._runtime.initial_with_prior(
+            beliefs.prior_mean, beliefs.prior_sd, soils, self._config.drift
+        )
 
     def update(self, observation: Observation) -> Update:
         """Take one observation and return the update, whose decision tells its use.
@@ -137,7 +137,7 @@ class Estimator:
         last = {} if self._last is None else dataclasses.asdict(self._last)
         intake, moving = self._intake, self._forecasting.persistence
         return {
-            **{f"state.{name}": value.numpy() for name, value in self._state.items()},
+            **{f"state.{k}": value for k, value in self._runtime.arrays(self._state).items()},
             **{f"last.{name}": np.asarray(value) for name, value in last.items()},
             "counts": np.array(
                 [
@@ -172,24 +172,29 @@ class Estimator:
             StateFileError: the arrays are not those of a state of this model and prior, or hold
                 numbers that it cannot have; nothing is changed then.
         """
-        start = self._start()
-        with running():
-            parts = EstimatorParts(
-                start,
-                self._module.initial(),
-                self._module.publish,
-                self._rows,
-                self._rover.axles,
-                self._rover.wheel_radius,
-                self._block,
-                self._step_s,
-            )
-            state, last, counts = judged(arrays, parts)
+        runtime = self._runtime
+        parts = EstimatorParts(
+            runtime.arrays(self._start()),
+            runtime.arrays(runtime.initial()),
+            self._published_with,
+            self._rows,
+            self._rover.axles,
+            self._rover.wheel_radius,
+            self._block,
+            self._step_s,
+        )
+        found, last, counts = judged(arrays, parts)
+        state = runtime.state_of(found)
         summary = self._summary(state, counts.doubt)
-        if reason := unsound(summary.estimate, NOTHING_PREDICTED):
-            raise StateFileError(f"the state gives no estimate: {reason}: {ADVICE}")
+        if summary.unsound:
+            raise StateFileError(f"the state gives no estimate: {summary.unsound}: {ADVICE}")
         self._state, self._last, self._published = state, last, summary
         self._count(counts)
+
+    def _published_with(self, state: State, bank: State) -> State:
+        """Return the arrays of a state with all that a bank implies."""
+        runtime = self._runtime
+        return runtime.arrays(runtime.publish(runtime.state_of(state), bank))
 
     def _count(self, counts: Counts) -> None:
         """Go on from the counts and numbers of a saved state."""
@@ -227,6 +232,7 @@ class Estimator:
         """Judge the fit of the last closed blocks."""
         self._inconsistent, self._unconfirmed = self._consistency.judge()
         self._fit = self._consistency.fits()
+        self._unsound_fit = unsound_fit(self._fit)
 
     def _learn(self, screening: Screening) -> Update:
         """Answer an observation that passed the screening, by the model where it fits."""
@@ -257,10 +263,9 @@ class Estimator:
             observation, self._last if linked else None, self._rover.wheel_inertia, step_s
         )
         packed = pack(observation, torque, step_s, linked=linked, rates=bool(self._effects))
-        with running():
-            state: State = self._module.update(self._state, packed)
-        report = Report.of(state)
-        refusal = self._refuse(observation, state, report) or (
+        state = self._runtime.update(self._state, packed)
+        report = self._runtime.report(state)
+        refusal = self._refuse(observation, report) or (
             self._refuse_block(report) if report.closed else None
         )
         if refusal is not None:
@@ -269,12 +274,12 @@ class Estimator:
         if report.closed or not linked:
             self._summarise()
         # no acceleration is known right after a gap
-        forecast = Forecast(report.velocity, report.variance, observation.velocity_sd**2)
+        forecast = Forecast(report.forecast, report.forecast_variance, observation.velocity_sd**2)
         return self._accepted(screening, torque, report, settled), forecast
 
-    def _refuse(self, observation: Observation, state: State, report: "Report") -> Decision | None:
+    def _refuse(self, observation: Observation, report: Report) -> Decision | None:
         """Return the reason why the new state must not replace the old one; None where it may."""
-        if not _finite(state, report) or report.misfit < -_ROUNDING:
+        if not report.finite or report.misfit < -_ROUNDING:
             settled = self._discard_block()
             kept = "the posterior is kept, that second is left out" + self._contradict()
             detail = f"a number became infinite or NaN, or rounding ate the last second: {kept}"
@@ -298,7 +303,7 @@ class Estimator:
             return Decision(Outcome.GATED, (), report.distance, self._gate, 1, detail)
         return None
 
-    def _refuse_block(self, report: "Report") -> Decision | None:
+    def _refuse_block(self, report: Report) -> Decision | None:
         """Return the reason why the closed block is left out; a lasting contradiction re-opens."""
         self._change = min(report.changed, 1.0)  # rounding
         degrees = int(report.degrees)
@@ -327,12 +332,11 @@ class Estimator:
 
     def _discard_block(self) -> int:
         """Leave out the open second; return its observations."""
-        with running():
-            self._state = self._module.discard(self._state)
+        self._state = self._runtime.discard(self._state)
         self._last = None
         return self._intake.refuse()
 
-    def _keep(self, observation: Observation, state: State, report: "Report") -> int:
+    def _keep(self, observation: Observation, state: RuntimeState, report: Report) -> int:
         """Go on from the new state; return the observations that entered the posterior with it."""
         passed_s = 0.0
         if self._last is not None:
@@ -344,22 +348,19 @@ class Estimator:
         return self._intake.take() if report.closed and not after_gap else settled
 
     def _accepted(
-        self, screening: Screening, torque: Floats, report: "Report", settled: int
+        self, screening: Screening, torque: list[float], report: Report, settled: int
     ) -> Decision:
         distance, observation = report.distance, screening.observation
         # less what turns the wheel, which is unknown without its rate
-        measured = np.isfinite(torque).tolist()
-        rows = [
-            "velocity",
-            "load",
-            *(f"torque_{axle}" for axle, known in enumerate(measured) if known),
-        ]
-        rows += ["acceleration"] if math.isfinite(observation.acceleration) else []
-        rows += ["moment", "bogie_moment"] if math.isfinite(observation.bogie_angle) else []
+        rows = _rows(
+            tuple(map(math.isfinite, torque)),
+            math.isfinite(observation.acceleration),
+            self._moments if math.isfinite(observation.bogie_angle) else (),
+        )
         threshold = self._gate if math.isfinite(self._gate) else _NAN  # no gate applies
         return Decision(
             screening.outcome,
-            tuple(rows),
+            rows,
             distance,
             threshold,
             0 if math.isnan(distance) else 1,
@@ -371,20 +372,22 @@ class Estimator:
         """Publish the present state from the next answer on."""
         self._published = self._summary(self._state, self._doubt)
 
-    def _summary(self, state: State, doubt: float) -> "Summary":
+    def _summary(self, state: RuntimeState, doubt: float) -> "Summary":
         """Return the estimate of a state, with NaN where its numbers give none."""
-        with running(), np.errstate(all="ignore"):
-            values = self._module.estimate(state).numpy()
-            sizes = self._module.effects(state).tolist() if self._effects else ()
+        with np.errstate(all="ignore"):
+            values = self._runtime.estimate(state)
+            sizes = self._runtime.effects(state).tolist() if self._effects else ()
             mean, covariance = inflated(values[0], values[1:], self._beliefs, doubt)
             condition = _condition(covariance)
-            soils = tuple(min(probability, 1.0) for probability in state["soils"].tolist())
+            soils = tuple(min(probability, 1.0) for probability in self._runtime.soils(state))
             estimate = summarise(mean, covariance, self._beliefs, soils)
-        effects = [
-            NamedEffect(effect.name, effect.unit, mean, deviation(variance))
-            for effect, (mean, variance) in zip(self._effects, sizes, strict=True)
-        ]
-        return Summary(dataclasses.replace(estimate, effects=tuple(effects)), condition)
+        if self._effects:
+            effects = [
+                NamedEffect(effect.name, effect.unit, mean, deviation(variance))
+                for effect, (mean, variance) in zip(self._effects, sizes, strict=True)
+            ]
+            estimate = dataclasses.replace(estimate, effects=tuple(effects))
+        return Summary(estimate, condition, unsound(estimate))
 
     def _answer(
         self, stamp_ns: int, decision: Decision, prediction: Prediction | None = None
@@ -393,7 +396,9 @@ class Estimator:
         if prediction is None:
             self._forecasting.forget()
         update = self._update(stamp_ns, decision, prediction or NOTHING_PREDICTED)
-        if reason := unsound(update.estimate, update.prediction):
+        ground = "" if update.disagreements else self._published.unsound
+        reason = ground or self._unsound_fit or unsound_answer(update.estimate, update.prediction)
+        if reason:
             settled = max(self._intake.refuse(), decision.settled)
             self._reopen()
             self._consistency = Consistency(self._rows)
@@ -409,15 +414,22 @@ class Estimator:
         intake, disagreements = self._intake, self._disagreements
         known = self._prior if disagreements else self._published.estimate
         sharp = any(known.identified)
-        estimate = dataclasses.replace(
-            known,
+        estimate = Estimate(
+            mean=known.mean,
+            covariance=known.covariance,
+            lower_95=known.lower_95,
+            upper_95=known.upper_95,
             identified=(False, False) if self._unconfirmed else known.identified,
+            mass_below_zero=known.mass_below_zero,
+            change_probability=0.0 if disagreements else self._change,
+            soils=known.soils,
+            soil_probability=known.soil_probability,
+            effects=known.effects,
             observations_used=intake.used,
             observations_waiting=intake.waiting,
             time_used_s=intake.time_used_s,
             seconds=intake.seconds,
             fit=self._fit,
-            change_probability=0.0 if disagreements else self._change,
         )
         return Update(
             stamp_ns=stamp_ns,
@@ -431,11 +443,25 @@ class Estimator:
         )
 
 
+@functools.lru_cache
+def _rows(
+    torques: tuple[bool, ...],
+    acceleration: bool,  # noqa: FBT001 (of a cached function)
+    moments: tuple[str, ...],
+) -> tuple[str, ...]:
+    """Return the rows of an observation by what it measured, ``moments`` where they are known."""
+    rows = ["velocity", "load"]
+    rows += [f"torque_{axle}" for axle, known in enumerate(torques) if known]
+    rows += ["acceleration"] if acceleration else []
+    return (*rows, *moments)
+
+
 def _condition(covariance: Floats) -> float:
     """Return the condition number of the 2 x 2 covariance scaled to unit diagonal."""
-    spread = deviation(float(covariance[0, 0]) * float(covariance[1, 1]))
-    correlation = abs(float(covariance[0, 1])) / spread if spread > 0.0 else _NAN
-    return (1.0 + correlation) / max(1.0 - correlation, float(np.finfo(np.float64).eps))
+    (cohesion, shared), (_, friction) = covariance.tolist()
+    spread = deviation(cohesion * friction)
+    correlation = abs(shared) / spread if spread > 0.0 else _NAN
+    return (1.0 + correlation) / max(1.0 - correlation, _EPSILON)
 
 
 class Summary(NamedTuple):
@@ -443,54 +469,4 @@ class Summary(NamedTuple):
 
     estimate: Estimate
     condition: float  # [1] number of the covariance of c and tan phi, scaled to unit diagonal
-
-
-class Report(NamedTuple):
-    """The report in the state as numbers; NaN where there was no innovation or block yet."""
-
-    velocity: float  # [m/s] forecast one step ahead
-    variance: float  # [m^2/s^2]
-    innovation: float  # [m/s]
-    innovation_variance: float  # [m^2/s^2]
-    misfit: float  # [1] squared Mahalanobis distance of the last closed block
-    degrees: float  # of freedom
-    closed: bool  # whether this observation closed a block
-    changed: float  # [1] probability that the ground changed within the last blocks
-    usable: list[bool]  # axles
-    waiting: int  # observations in the open block
-    single_misses: Floats  # [R] of the rows of the last closed block
-    white_misses: Floats  # [R]
-
-    @classmethod
-    def of(cls, state: State) -> "Report":
-        """Read the report from the state."""
-        return cls(
-            velocity=state["forecast"].item(),
-            variance=state["forecast_variance"].item(),
-            innovation=state["innovation"].item(),
-            innovation_variance=state["innovation_variance"].item(),
-            misfit=state["misfit"].item(),
-            degrees=state["degrees"].item(),
-            closed=state["closed"].item() > 0.0,
-            changed=state["changed"].item(),
-            usable=state["usable"].tolist(),
-            waiting=len(state["block"]),
-            single_misses=state["single_misses"].numpy(),
-            white_misses=state["white_misses"].numpy(),
-        )
-
-    @property
-    def distance(self) -> float:
-        """Squared Mahalanobis distance of the velocity's innovation [1]."""
-        # a product overflows to infinity, a power raises
-        return self.innovation * self.innovation / self.innovation_variance
-
-
-def _finite(state: State, report: Report) -> bool:
-    """Return whether all published numbers are finite.
-
-    The posterior moves with closed blocks only; a forecast is NaN where there is none.
-    """
-    velocity = state["velocity"].item() + state["velocity_variance"].item()
-    moved = sum(state[name].sum().item() for name in _PUBLISHED) if report.closed else 0.0
-    return math.isfinite(velocity + moved) and not math.isinf(report.velocity + report.variance)
+    unsound: str  # the reason why it must not be published; empty where it may be

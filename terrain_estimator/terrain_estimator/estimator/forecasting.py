@@ -83,8 +83,9 @@ class Forecasting:
             The published forecast's innovation [m/s] and its variance, NaN without a forecast.
         """
         before = self.persistence
-        self.persistence = before.observed(stamp_ns, velocity, step_s)
-        if not before.is_one_step(stamp_ns, step_s):
+        one_step = before.is_one_step(stamp_ns, step_s)
+        self.persistence = before.observed(stamp_ns, velocity, one_step=one_step)
+        if not one_step:
             return math.nan, math.nan
         error, variance = self.model.innovation(velocity, deviation)
         if math.isfinite(error) and variance > 0.0:

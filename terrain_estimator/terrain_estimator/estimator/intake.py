@@ -7,7 +7,7 @@ the posterior or left out as a whole, when it ends.
 """
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from terrain_estimator.update import Disagreement, Seconds
 
@@ -33,6 +33,7 @@ class Intake:
         self.used = self.waiting = 0  # observations in the posterior and in the open second
         self.time_used_s = self.time_waiting_s = 0.0
         self.window = deque(window, maxlen=WINDOW)
+        self.seconds = _counted(self.window)
 
     def wait(self, time_s: float) -> None:
         """Count an observation of the open second, ``time_s`` after the last accepted one."""
@@ -53,12 +54,13 @@ class Intake:
         settled, self.waiting, self.time_waiting_s = self.waiting, 0, 0.0
         if settled:
             self.window.append(taken)
+            self.seconds = _counted(self.window)
         return settled
 
-    @property
-    def seconds(self) -> Seconds:
-        """The last closed seconds."""
-        return Seconds(len(self.window), sum(self.window))
+
+def _counted(window: Collection[bool]) -> Seconds:
+    """Return the counts of the last closed seconds."""
+    return Seconds(len(window), sum(window))
 
 
 def mostly_refused(seconds: Seconds) -> tuple[Disagreement, ...]:

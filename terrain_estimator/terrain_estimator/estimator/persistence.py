@@ -30,9 +30,9 @@ class Persistence(NamedTuple):
             return False
         return round((stamp_ns - self.stamp_ns) * 1e-9 / step_s) == 1
 
-    def observed(self, stamp_ns: int, velocity: float, step_s: float) -> "Persistence":
-        """Return the forecast after another measured ``velocity`` [m/s]."""
-        if not self.is_one_step(stamp_ns, step_s):
+    def observed(self, stamp_ns: int, velocity: float, *, one_step: bool) -> "Persistence":
+        """Return the forecast after another measured ``velocity`` [m/s], ``one_step`` later."""
+        if not one_step:
             return self._replace(stamp_ns=stamp_ns, velocity=velocity)
         change = velocity - self.velocity
         square = self.square + MEMORY * (change * change - self.square)

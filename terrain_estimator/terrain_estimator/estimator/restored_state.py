@@ -8,14 +8,15 @@ follows from the bank of hypotheses (weights, mixture, moments, soil constants) 
 the model and compared.
 """
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
-from torch import Tensor
+from numpy.typing import NDArray
 
+from terrain_estimator.distributions import log_normal_cdf
 from terrain_estimator.estimator.consistency import DELAY, REACH, REST, WINDOWS, Consistency
 from terrain_estimator.estimator.forecasting import (
     LARGEST_DISTANCE,
@@ -27,12 +28,10 @@ from terrain_estimator.estimator.intake import WINDOW, Intake
 from terrain_estimator.estimator.persistence import MEMORY, Persistence
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
 from terrain_estimator.estimator.screening import FASTEST, STRONGEST_TORQUE, impossible
-from terrain_estimator.model.bank import Bank, weigh
-from terrain_estimator.model.block import Posterior
-from terrain_estimator.model.packing import LONGEST_GAP, PackedView, view_of
-from terrain_estimator.model.state import State
-from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Floats, Observation
+from terrain_estimator.model.packed_observation import LONGEST_GAP, unpacked
+from terrain_estimator.observation import AXLE_FIELDS, Floats, Observation
 
+State = dict[str, NDArray[Any]]
 ADVICE = "start without it, from the prior"
 FARTHEST = 100.0
 """[prior standard deviations] Reach of the posteriors; those of hostile drives reach 6."""
@@ -74,6 +73,7 @@ _RANGES = {
     "changed": _PROBABILITY,
     "age": (0.0, _OLDEST),
 }
+_LEAST_MASS = math.log(1e-300)
 _AGREEMENT = 1e-4
 """[1] Largest difference of a derived number, where honest ones differ by 1e-8."""
 _SPUN = 1e13  # [N m] torque on the ground, where two wheel rates a nanosecond apart differ
@@ -114,7 +114,7 @@ class EstimatorParts(NamedTuple):
 
     start: State  # at the start, with the estimator's own prior
     default: State  # at the start, with the model's prior
-    publish: Callable[[State, Bank], State]  # the model's: the state with all that a bank implies
+    publish: Callable[[State, State], State]  # the model's: the state with all that a bank implies
     rows: tuple[str, ...]
     axles: int
     wheel_radius_m: float
@@ -154,11 +154,11 @@ def judged(arrays: Arrays, parts: EstimatorParts) -> Restored:
     if counts.intake.waiting != len(state["block"]):
         reason = f"but the open block has {len(state['block'])} observations"
         raise _refused("waiting", counts.intake.waiting, reason)
-    for name, tensor in state.items():
+    for name, values in state.items():
         if name not in {"block", "usable"}:
-            _check_range(name, tensor, parts)
+            _check_range(name, values, parts)
     _check_block(state["block"], parts)
-    if not all(torch.equal(state[name], parts.start[name]) for name in _GIVEN):
+    if not all(np.array_equal(state[name], parts.start[name]) for name in _GIVEN):
         raise StateFileError(
             "the state was learnt from another prior: give prior.* and forgetting_time as they"
             " were, or start without it"
@@ -175,7 +175,7 @@ def _shaped(arrays: Arrays, parts: EstimatorParts) -> State:
     """Return the tensors of the state, with the types and shapes of the model's."""
     state: State = {}
     hypotheses = int(arrays["state.age"].size) if "state.age" in arrays else 0
-    for name, own in ((name, tensor.numpy()) for name, tensor in parts.start.items()):
+    for name, own in parts.start.items():
         saved = arrays.get(f"state.{name}")
         shape = own.shape
         if name in _BANK:
@@ -183,12 +183,11 @@ def _shaped(arrays: Arrays, parts: EstimatorParts) -> State:
         elif name == "block" and saved is not None:
             shape = (*saved.shape[:1], *own.shape[1:])
         if saved is None or (saved.dtype, saved.shape) != (own.dtype, shape):
-            shown = "missing" if saved is None else f"torch.{saved.dtype} {saved.shape}"
+            shown = "missing" if saved is None else f"{saved.dtype} {saved.shape}"
             raise StateFileError(
-                f"the state's {name} is {shown}, the model's is torch.{own.dtype} {own.shape}:"
-                f" {ADVICE}"
+                f"the state's {name} is {shown}, the model's is {own.dtype} {own.shape}: {ADVICE}"
             )
-        state[name] = torch.from_numpy(np.array(saved, order="C"))
+        state[name] = np.array(saved, order="C")
     if not 1 <= hypotheses <= len(parts.start["age"]):
         raise _refused("age", f"of {hypotheses} hypotheses", "more than the model's, or none")
     if len(state["block"]) >= parts.block:
@@ -269,102 +268,109 @@ def _fits(arrays: Arrays, name: str, most: int, rows: int) -> list[Floats]:
     return list(array)
 
 
-def _check_range(name: str, tensor: Tensor, parts: EstimatorParts) -> None:
+def _check_range(name: str, values: NDArray[Any], parts: EstimatorParts) -> None:
     """Refuse numbers of one part that are not finite or outside their range."""
     least, most = _RANGES.get(name, (-_LARGEST, _LARGEST))
     if name == "kind":
         least, most = 0, 2 * len(parts.start["soils"]) - 1
-    passes = (tensor >= least) & (tensor <= most)
+    passes = (values >= least) & (values <= most)
     if name in _MAY_BE_NAN:
-        passes |= torch.isnan(tensor)
+        passes |= np.isnan(values)
     if name in {"log_weight", "log_soils"}:
-        passes |= tensor == -math.inf  # of no weight
-    wrong = tensor[~passes]
-    if wrong.numel():
+        passes |= values == -math.inf  # of no weight
+    wrong = values[~passes]
+    if wrong.size:
         value = wrong[0].item()
         reason = f"not within {least:g} to {most:g}" if math.isfinite(value) else "not finite"
         raise _refused(name, f"{value:g}", reason)
 
 
-def _check_block(block: Tensor, parts: EstimatorParts) -> None:
+def _check_block(block: Floats, parts: EstimatorParts) -> None:
     """Refuse packed observations [n, P] that no screening lets pass."""
-    view = view_of(block, parts.axles)
-    for row in range(block.shape[0]):
-        observation = _unpacked(view, row)
+    for row, packed in enumerate(block):
+        observation, step, linked = unpacked(packed, parts.axles)
         torque = observation.torque
-        if not (np.isnan(torque) | (np.abs(torque) <= _SPUN)).all():
+        bounded = np.abs(torque) <= _SPUN
+        if not (np.isnan(torque) | bounded).all():
             raise _refused(f"block's row {row}", f"a torque of {torque}", "too large")
-        if reason := impossible(observation, parts.wheel_radius_m):
+        # the torque on the ground has another range than the motor's, which the screening knows
+        within = np.clip(torque, -STRONGEST_TORQUE, STRONGEST_TORQUE)
+        screened = dataclasses.replace(observation, torque=np.where(bounded, within, torque))
+        if reason := impossible(screened, parts.wheel_radius_m):
             raise StateFileError(f"the state's block has a row {row} with {reason}: {ADVICE}")
-        step, linked = view.step[row].item(), view.linked[row].item()
         if not (0.0 <= step <= LONGEST_GAP * parts.step_s and linked in {0.0, 1.0}):
             raise _refused(f"block's row {row}", f"step {step:g}, linked {linked:g}", "impossible")
 
 
-def _unpacked(view: PackedView, row: int) -> Observation:
-    """Return one row of a block as an observation, with its torques in the screening's range."""
-    values = {name: getattr(view, name)[row].numpy() for name in AXLE_FIELDS}
-    torque = values["torque"]
-    values["torque"] = np.where(
-        np.abs(torque) <= _SPUN, np.clip(torque, -STRONGEST_TORQUE, STRONGEST_TORQUE), torque
-    )
-    if not values["wheel_rate"].size:  # a model without named effects takes none
-        values["wheel_rate"] = np.full_like(torque, np.nan)
-    scalars = {name: getattr(view, name)[row].item() for name in SCALAR_FIELDS}
-    return Observation(stamp_ns=0, **values, **scalars)
-
-
-def _bank(state: State, parts: EstimatorParts) -> Bank:
+def _bank(state: State, parts: EstimatorParts) -> State:
     """Return the hypotheses of a state: definite, and within reach of the prior."""
-    precision = state["precision"]
-    root = torch.diagonal(precision, dim1=1, dim2=2).sqrt()
-    asymmetry = (precision - precision.transpose(1, 2)).abs() / (
-        root.unsqueeze(1) * root.unsqueeze(2)
-    )
-    if not bool((asymmetry < _AGREEMENT).all()):
+    precision, mean = state["precision"], state["mean"]
+    with np.errstate(all="ignore"):
+        root = np.sqrt(_diagonals(precision))
+        asymmetry = np.abs(precision - precision.transpose(0, 2, 1)) / (
+            root[:, :, None] * root[:, None]
+        )
+    if not (asymmetry < _AGREEMENT).all():
         raise _refused("precision", "no matrix", "not symmetric with a diagonal above zero")
-    posterior = Posterior(state["mean"], precision, state["log_weight"])
-    bank = weigh(posterior, state["age"], state["kind"])
-    variance = torch.diagonal(bank.covariance, dim1=1, dim2=2)
-    if not bool((variance > 0.0).all()):
+    try:
+        np.linalg.cholesky(precision)
+        covariance = np.linalg.inv(precision)
+    except np.linalg.LinAlgError:
+        raise _refused("precision", "no matrix", "not positive definite") from None
+    variance = _diagonals(covariance)
+    if not (variance > 0.0).all():
         raise _refused("precision", "no matrix", "not positive definite")
-    reach = FARTHEST * torch.maximum(_spread(parts.start), _spread(parts.default))
-    distance = (state["mean"] - parts.start["mean"].mean(0)).abs()
+    reach = FARTHEST * np.maximum(_spread(parts.start), _spread(parts.default))
+    distance = np.abs(mean - parts.start["mean"].mean(0))
     for name, own, values in (
-        ("mean", state["mean"], distance),
-        ("precision", torch.diagonal(precision, dim1=1, dim2=2), variance.sqrt()),
+        ("mean", mean, distance),
+        ("precision", _diagonals(precision), np.sqrt(variance)),
     ):
         outside = values > reach
-        if bool(outside.any()):
-            parameter = outside.any(0).nonzero()[0].item()
+        if outside.any():
             raise _refused(
-                f"{name} of parameter {parameter}",
-                f"{own[outside][0].item():g}",
+                f"{name} of parameter {outside.any(0).argmax()}",
+                f"{own[outside][0]:g}",
                 f"more than {FARTHEST:g} standard deviations of the prior away",
             )
-    return bank
+    log_mass = log_normal_cdf(mean[:, :2] / np.sqrt(variance[:, :2]))
+    physical = np.maximum(log_mass, _LEAST_MASS).sum(1)  # as the model's own
+    return {
+        "mean": mean,
+        "covariance": covariance,
+        "precision": precision,
+        "weight": state["log_weight"] + physical,
+        "age": state["age"],
+        "kind": state["kind"],
+    }
 
 
-def _spread(start: State) -> Tensor:
+def _diagonals(matrices: Floats) -> Floats:
+    """Return the diagonals [n, D] of matrices [n, D, D]."""
+    return np.diagonal(matrices, axis1=1, axis2=2)
+
+
+def _spread(start: State) -> Floats:
     """Return the prior standard deviations [D] of a state at its start: its widest hypothesis's."""
-    return torch.diagonal(start["precision"], dim1=1, dim2=2).amin(0).rsqrt()
+    return np.asarray(_diagonals(start["precision"]).min(0) ** -0.5)
 
 
 def _check_derived(state: State, derived: State) -> None:
     """Refuse a part that does not follow from the bank."""
     for name in _DERIVED:
         saved, right = state[name], derived[name]
-        if name.endswith("covariance"):
-            deviation = right.diagonal().sqrt()
-            scale = deviation.unsqueeze(1) * deviation
-        elif name in _SCALED_BY:
-            scale = right.abs() + derived[_SCALED_BY[name]].diagonal().sqrt()
-        else:
-            scale = right.abs() + 1.0
-        agrees = (saved == right) | ((saved - right).abs() <= _AGREEMENT * scale)
-        if not bool(agrees.all()):
-            values = f"{saved[~agrees][0].item():g}"
-            raise _refused(name, values, f"but its hypotheses give {right[~agrees][0].item():g}")
+        with np.errstate(all="ignore"):
+            if name.endswith("covariance"):
+                deviation = np.sqrt(np.diagonal(right))
+                scale = np.outer(deviation, deviation)
+            elif name in _SCALED_BY:
+                scale = np.abs(right) + np.sqrt(np.diagonal(derived[_SCALED_BY[name]]))
+            else:
+                scale = np.abs(right) + 1.0
+            agrees = (saved == right) | (np.abs(saved - right) <= _AGREEMENT * scale)
+        if not agrees.all():
+            values = f"{saved[~agrees][0]:g}"
+            raise _refused(name, values, f"but its hypotheses give {right[~agrees][0]:g}")
 
 
 def _last(arrays: Arrays, parts: EstimatorParts) -> Observation | None:

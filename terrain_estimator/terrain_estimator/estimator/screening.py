@@ -11,7 +11,7 @@ value, would bias what is left. So a sinkage that noise makes slightly negative 
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,15 +53,16 @@ def screen(
     config: CoreConfig,
 ) -> Screening:
     """Screen one observation; ``previous_stamp_ns`` is the stamp of the last one, if any."""
+    rims = _rims(observation, wheel_radius_m)
     refusal = (
         _refuse_time(observation.stamp_ns, previous_stamp_ns)
-        or _refuse_standstill(observation, wheel_radius_m, config.standstill_speed)
+        or _refuse_standstill(observation, rims, config.standstill_speed)
         or _refuse_scalars(observation)
-        or _refuse_reverse(observation, wheel_radius_m, config.standstill_speed)
+        or _refuse_reverse(observation, rims, config.standstill_speed)
     )
     if refusal is not None:
         return Screening(refusal[0], observation, refusal[1])
-    return _mask(observation, wheel_radius_m, config)
+    return _mask(observation, rims, wheel_radius_m, config)
 
 
 def impossible(observation: Observation, wheel_radius_m: float) -> str:
@@ -69,11 +70,17 @@ def impossible(observation: Observation, wheel_radius_m: float) -> str:
     refusal = _refuse_scalars(observation)
     if refusal is not None:
         return refusal[1]
-    screening = _mask(observation, wheel_radius_m, CoreConfig())
+    rims = _rims(observation, wheel_radius_m)
+    screening = _mask(observation, rims, wheel_radius_m, CoreConfig())
     return "" if screening.outcome is Outcome.ACCEPTED else screening.detail
 
 
 _Refusal = tuple[Outcome, str] | None
+
+
+def _rims(observation: Observation, radius: float) -> list[float]:
+    """Return the speeds [m/s] of the rims whose rates are known."""
+    return [rate * radius for rate in observation.wheel_rate.tolist() if not math.isnan(rate)]
 
 
 def _refuse_time(stamp_ns: int, previous_stamp_ns: int | None) -> _Refusal:
@@ -90,17 +97,16 @@ def _refuse_time(stamp_ns: int, previous_stamp_ns: int | None) -> _Refusal:
     )
 
 
-def _refuse_standstill(observation: Observation, radius: float, threshold: float) -> _Refusal:
+def _refuse_standstill(observation: Observation, rims: list[float], threshold: float) -> _Refusal:
     """Refuse a rover that stands.
 
     The wheels' rims decide, which are exact; the velocity only where no wheel rate is measured. A
     rover that is stuck with its wheels turning (slip near 1) does not stand.
     """
-    rims = [abs(rate) * radius for rate in observation.wheel_rate.tolist() if not math.isnan(rate)]
     if rims:
         return (
             (Outcome.STANDSTILL, f"no wheel's rim is faster than {threshold:g} m/s")
-            if max(rims) < threshold
+            if max(map(abs, rims)) < threshold
             else None
         )
     defined = any(not math.isnan(slip) for slip in observation.slip.tolist())
@@ -120,14 +126,17 @@ def backwards(observation: Observation, radius: float, threshold: float) -> bool
     No rim is then faster forward than ``threshold`` [m/s]. The model is of forward driving: its
     thrust would point the wrong way.
     """
-    rims = [rate * radius for rate in observation.wheel_rate.tolist() if not math.isnan(rate)]
+    return _backwards(observation, _rims(observation, radius), threshold)
+
+
+def _backwards(observation: Observation, rims: list[float], threshold: float) -> bool:
     if rims:
         return max(rims) < threshold
     return observation.velocity < -(threshold + _STANDSTILL_BOUND * observation.velocity_sd)
 
 
-def _refuse_reverse(observation: Observation, radius: float, threshold: float) -> _Refusal:
-    if not backwards(observation, radius, threshold):
+def _refuse_reverse(observation: Observation, rims: list[float], threshold: float) -> _Refusal:
+    if not _backwards(observation, rims, threshold):
         return None
     return (
         Outcome.OUT_OF_RANGE,
@@ -139,6 +148,14 @@ def _refuse_reverse(observation: Observation, radius: float, threshold: float) -
 
 
 def _refuse_scalars(observation: Observation) -> _Refusal:
+    least, most = DEVIATIONS
+    if (
+        abs(observation.velocity) <= FASTEST
+        and math.isfinite(observation.pitch)
+        and least <= observation.velocity_sd <= most
+        and least <= observation.pitch_sd <= most
+    ):
+        return None  # as nearly always: the rest finds the reason
     required = (
         ("velocity", observation.velocity, observation.velocity_sd),
         ("pitch", observation.pitch, observation.pitch_sd),
@@ -161,21 +178,26 @@ def _is_deviation(value: float) -> bool:
     return DEVIATIONS[0] <= value <= DEVIATIONS[1]
 
 
-def _mask(observation: Observation, radius: float, config: CoreConfig) -> Screening:
+def _mask(
+    observation: Observation, rims: list[float], radius: float, config: CoreConfig
+) -> Screening:
     """Mask optional sensors that cannot be used; refuse where an axle cannot."""
-    faults = [
-        (axle, fault)
-        for axle, wheel in enumerate(_wheels(observation))
-        if (fault := _wheel_fault(wheel, radius, config))
-    ]
-    if faults:
+    if not _are_usable(observation, radius, config):
+        faults = [
+            (axle, fault)
+            for axle, wheel in enumerate(_wheels(observation))
+            if (fault := _wheel_fault(wheel, radius, config))
+        ]
         return Screening(
             _worst(fault[0] for _, fault in faults),
             observation,
             "; ".join(f"axle {axle}: {fault[1]}" for axle, fault in faults),
         )
     changes: dict[str, Floats | float] = {}
-    details = [*_mask_rates(observation, radius, changes), *_mask_optional(observation, changes)]
+    details = [
+        *_mask_rates(observation, rims, radius, changes),
+        *_mask_optional(observation, changes),
+    ]
     if not details:
         return Screening(Outcome.ACCEPTED, observation)
     masked = dataclasses.replace(observation, **changes)  # type: ignore[arg-type]
@@ -195,21 +217,32 @@ def _wheels(observation: Observation) -> Iterable[tuple[float, ...]]:
     )
 
 
+def _are_usable(observation: Observation, radius: float, config: CoreConfig) -> bool:
+    """Return whether :func:`_wheel_fault` finds none: one expression for what nearly all are."""
+    least, most = DEVIATIONS
+    lowest, highest = config.slip_minimum, config.slip_maximum
+    return all(
+        lowest <= slip < highest
+        and 0.0 < sinkage < radius
+        and -_STEEPEST_GROUND < angle < _STEEPEST_GROUND
+        and least <= slip_sd <= most
+        and least <= sinkage_sd <= most
+        and least <= angle_sd <= most
+        for slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd in _wheels(observation)
+    )
+
+
 def _wheel_fault(
     wheel: tuple[float, ...], radius: float, config: CoreConfig
 ) -> tuple[Outcome, str] | None:
     """Return the reason why one wheel cannot be used; None where it can."""
     slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd = wheel
-    for name, value in (("slip", slip), ("sinkage", sinkage), ("contact angle", angle)):
-        if not math.isfinite(value):
-            return Outcome.NOT_FINITE, f"{name} is {value}"
-    for name, deviation in (
-        ("slip", slip_sd),
-        ("sinkage", sinkage_sd),
-        ("contact angle", angle_sd),
-    ):
-        if not _is_deviation(deviation):
-            return Outcome.BAD_DEVIATION, f"the standard deviation of {name} is {deviation:g}"
+    if not (math.isfinite(slip) and math.isfinite(sinkage) and math.isfinite(angle)):
+        name, value = _first(lambda each: not math.isfinite(each), slip, sinkage, angle)
+        return Outcome.NOT_FINITE, f"{name} is {value}"
+    if not (_is_deviation(slip_sd) and _is_deviation(sinkage_sd) and _is_deviation(angle_sd)):
+        name, value = _first(lambda each: not _is_deviation(each), slip_sd, sinkage_sd, angle_sd)
+        return Outcome.BAD_DEVIATION, f"the standard deviation of {name} is {value:g}"
     if not config.slip_minimum <= slip < config.slip_maximum:
         return (
             Outcome.OUT_OF_RANGE,
@@ -228,6 +261,14 @@ def _wheel_fault(
     )
 
 
+def _first(
+    wrong: Callable[[float], bool], slip: float, sinkage: float, angle: float
+) -> tuple[str, float]:
+    """Return the first of a wheel's numbers that is wrong, with its name."""
+    named = {"slip": slip, "sinkage": sinkage, "contact angle": angle}
+    return next((name, value) for name, value in named.items() if wrong(value))
+
+
 def _sinkage_fault(sinkage: float, deviation: float, radius: float) -> str:
     if sinkage >= radius:
         unit = ", in mm or cm?" if sinkage > _OTHER_UNIT * radius else ""
@@ -237,16 +278,19 @@ def _sinkage_fault(sinkage: float, deviation: float, radius: float) -> str:
 
 
 def _mask_rates(
-    observation: Observation, radius: float, changes: dict[str, Floats | float]
+    observation: Observation,
+    rims: list[float],
+    radius: float,
+    changes: dict[str, Floats | float],
 ) -> list[str]:
     """Mask wheel rates that no wheel has, and the torques with them.
 
     Without the rate the part of the torque that turns the wheel's own inertia is unknown.
     """
-    rates = observation.wheel_rate
-    absurd = [not math.isnan(rate) and not abs(rate) * radius <= FASTEST for rate in rates.tolist()]
-    if not any(absurd):
+    if not rims or max(map(abs, rims)) <= FASTEST:
         return []
+    rates = observation.wheel_rate
+    absurd = [abs(rate) * radius > FASTEST for rate in rates.tolist()]
     changes["wheel_rate"] = np.where(absurd, np.nan, rates)
     changes["torque"] = np.where(absurd, np.nan, observation.torque)
     return [
@@ -262,6 +306,7 @@ def _mask_optional(observation: Observation, changes: dict[str, Floats | float])
     NaN is an absent sensor, and no fault.
     """
     details = []
+    least, most = DEVIATIONS
     torque, acceleration, bogie = (
         observation.torque,
         observation.acceleration,
@@ -280,7 +325,8 @@ def _mask_optional(observation: Observation, changes: dict[str, Floats | float])
         )
     pairs = zip(torque.tolist(), observation.torque_sd.tolist(), strict=True)
     faulty = [
-        not math.isnan(value) and not (abs(value) <= STRONGEST_TORQUE and _is_deviation(deviation))
+        not math.isnan(value)
+        and not (abs(value) <= STRONGEST_TORQUE and least <= deviation <= most)
         for value, deviation in pairs
     ]
     if any(faulty):

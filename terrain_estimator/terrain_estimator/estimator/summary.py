@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
-from terrain_estimator.intervals import credible_interval
-from terrain_estimator.model.model_file import Metadata
+from terrain_estimator.distributions import normal_cdf_at
+from terrain_estimator.intervals import credible_bounds
+from terrain_estimator.model.metadata import Metadata
 from terrain_estimator.observation import Floats
 from terrain_estimator.update import Estimate, Seconds
 
@@ -65,6 +65,8 @@ def inflated(
 
     So much is the probability that the ground is another, of which only the prior is known.
     """
+    if doubt == 0.0:
+        return mean, definite(covariance)
     shift = beliefs.prior_mean - mean
     between = (1.0 - doubt) * covariance + doubt * np.diag(beliefs.prior_sd**2)
     return mean + doubt * shift, definite(between + doubt * (1.0 - doubt) * np.outer(shift, shift))
@@ -93,16 +95,24 @@ def summarise(
 
     ``mean`` is [2], ``covariance`` [2, 2]. The caller fills in its own counts.
     """
-    sd = np.array([deviation(variance) for variance in np.diagonal(covariance).tolist()])
-    lower, upper = credible_interval(mean, sd, 0.05)
-    cohesion_known, friction_known = (sd**2 <= IDENTIFIED_VARIANCE * beliefs.prior_sd**2).tolist()
+    (cohesion, _), (_, friction) = covariance.tolist()
+    # plain numbers: two are too few for arrays
+    means, sds = mean.tolist(), (deviation(cohesion), deviation(friction))
+    (lower, upper), (lower_friction, upper_friction) = (
+        credible_bounds(*each, 0.05) for each in zip(means, sds, strict=True)
+    )
+    known = [
+        sd * sd <= IDENTIFIED_VARIANCE * (prior * prior)
+        for sd, prior in zip(sds, beliefs.prior_sd.tolist(), strict=True)
+    ]
+    below_zero = [normal_cdf_at(-each / sd) for each, sd in zip(means, sds, strict=True)]
     return Estimate(
         mean=mean,
         covariance=covariance,
-        lower_95=lower,
-        upper_95=upper,
-        identified=(cohesion_known, friction_known),
-        mass_below_zero=min(float(ndtr(-mean / sd).sum()), 1.0),
+        lower_95=np.array([lower, lower_friction]),
+        upper_95=np.array([upper, upper_friction]),
+        identified=(known[0], known[1]),
+        mass_below_zero=min(below_zero[0] + below_zero[1], 1.0),
         change_probability=0.0,
         soils=beliefs.soils,
         soil_probability=soil_probability,

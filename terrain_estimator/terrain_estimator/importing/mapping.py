@@ -14,6 +14,7 @@ from terrain_estimator.importing.units import factor
 from terramechanics.vehicle.rover import Rover
 
 SLIP_DEFINITIONS = ("one_minus_v_over_rw", "max_normalised")
+ANGLE_REFERENCES = ("body", "horizontal")
 DECIMAL_MARKS = (".", ",")
 WHEEL_SIGNALS = {
     "slip": "ratio",
@@ -114,6 +115,7 @@ class Mapping:
     time: Time
     wheels: tuple[WheelColumns, ...]
     slip_definition: str = SLIP_DEFINITIONS[0]
+    contact_angle_reference: str = ANGLE_REFERENCES[0]
     delimiter: str = ","
     decimal: str = "."
     missing: tuple[str, ...] = ()  # words for values that were not measured
@@ -138,6 +140,7 @@ class Mapping:
                 f" {', '.join(SLIP_DEFINITIONS)}"
             )
             raise ConfigError(msg)
+        self._check_angle_reference()
         if len(self.delimiter) != 1:
             msg = f"delimiter: {self.delimiter!r} is not one character"
             raise ConfigError(msg)
@@ -168,8 +171,13 @@ class Mapping:
     def completed(self, rover: Rover) -> "Mapping":
         """Return the mapping with all wheels of a rover; those not listed have no columns.
 
-        Raises ConfigError for a wheel that the rover does not have.
+        Raises ConfigError for a wheel or a bogie that the rover does not have.
         """
+        if self.measures("bogie_angle") and not rover.suspension:
+            raise ConfigError(
+                f"bogie_angle: the rover {rover.name} has no joint: leave it out, or give the"
+                " rover's file with --rover"
+            )
         listed = [wheel.name for wheel in self.wheels]
         for at, name in enumerate(listed):
             if name not in rover.wheel_names:
@@ -201,6 +209,25 @@ class Mapping:
         yield from (
             getattr(self, signal).column for signal in BODY_SIGNALS if getattr(self, signal).column
         )
+
+    def _check_angle_reference(self) -> None:
+        reference = self.contact_angle_reference
+        if reference not in ANGLE_REFERENCES:
+            msg = (
+                f"contact_angle_reference: {reference!r} is unknown: give one of"
+                f" {', '.join(ANGLE_REFERENCES)}"
+            )
+            raise ConfigError(msg)
+        if (
+            reference != "body"
+            and not self.measures("pitch")
+            and self.constant_pitch is _NO_CONSTANT
+        ):
+            msg = (
+                f"contact_angle_reference: {reference} needs the pitch of the body: give pitch or"
+                " constant_pitch"
+            )
+            raise ConfigError(msg)
 
     def _check_wheel_signal(self, name: str) -> None:
         signal: WheelSignal = getattr(self, name)

@@ -38,7 +38,7 @@ class TableSample:
     stamp_ns: int
     slip: list[MeasuredValue]  # [1] 1 - v / (r w)
     sinkage: list[MeasuredValue]  # [m]
-    contact_angle: list[MeasuredValue]  # [rad]
+    contact_angle: list[MeasuredValue]  # [rad] relative to the body
     wheel_rate: list[float]  # [rad/s]
     torque: list[float]  # [N m]
     velocity: MeasuredValue  # [m/s]
@@ -131,28 +131,34 @@ class _Rows:
     def _sample(self, stamp_ns: int) -> TableSample:
         mapping = self._mapping
         slip = [self._slip(column) for column in mapping.columns("slip")]
-        angle = _known(
-            mapping.constant_contact_angle.value,
-            mapping.constant_contact_angle.unit,
-            mapping.constant_contact_angle.noise,
-        )
-        angles = (
-            self._wheels("contact_angle", "angle")
-            if mapping.measures("contact_angle")
-            else [angle] * len(mapping.wheels)
-        )
+        pitch = self._pitch()
         return TableSample(
             stamp_ns,
             slip,
             self._wheels("sinkage", "length"),
-            angles,
+            self._contact_angles(pitch),
             [entry.value for entry in self._wheels("wheel_rate", "wheel rate")],
             [entry.value for entry in self._wheels("torque", "torque")],
             self._body("velocity", "velocity"),
-            self._pitch(),
+            pitch,
             self._body("acceleration", "acceleration"),
             self._nose_up("bogie_angle").value,
         )
+
+    def _contact_angles(self, pitch: MeasuredValue) -> list[MeasuredValue]:
+        """Return the slope of the ground under each wheel relative to the body."""
+        mapping, constant = self._mapping, self._mapping.constant_contact_angle
+        angles = (
+            self._wheels("contact_angle", "angle")
+            if mapping.measures("contact_angle")
+            else [_known(constant.value, constant.unit, constant.noise)] * len(mapping.wheels)
+        )
+        if mapping.contact_angle_reference == "body":
+            return angles
+        return [
+            MeasuredValue(each.value - pitch.value, math.hypot(each.deviation, pitch.deviation))
+            for each in angles
+        ]
 
     def _stamp(self) -> int:
         time = self._mapping.time

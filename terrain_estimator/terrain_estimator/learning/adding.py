@@ -14,13 +14,17 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.discovery.hypotheses.library import Hypothesis, LibraryEffect
 from terrain_estimator.learning.export import save
 from terrain_estimator.learning.restore import restore
+from terrain_estimator.learning.training import law_of
 from terrain_estimator.model.effect_rows import EffectRows
 from terrain_estimator.model.effects import LAWS, NOT_ONLINE
-from terrain_estimator.model.model_file import AddedEffect, LoadedModel, Metadata, ModelFileError
-from terrain_estimator.model.packing import scalar_fields
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.metadata import AddedEffect, Metadata, ModelFileError
+from terrain_estimator.model.packed_observation import scalar_fields
 from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.physics_by_law import ScmStresses
 from terrain_estimator.model.physics_with_effects import PhysicsWithEffects, ValuePrior, nominal_of
 from terramechanics.effects import describe
+from terramechanics.terrain.soil import SCM
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +82,8 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpaca:
             f"effects {', '.join(names) or '(none)'}: at least one is needed, and each once"
         )
     plain, rover = restored(loaded), loaded.rover
-    rows = EffectRows([LAWS[name](rover) for name in names], rover.mass)
+    law = ScmStresses() if law_of(loaded.metadata.soils) == SCM else None
+    rows = EffectRows([LAWS[name](rover) for name in names], rover.mass, law)
     physics = PhysicsWithEffects(nominal_of(plain.physics), rows, value_prior(effects))
     model = PAlpaca(physics, plain.net, plain.prior)
     model.hypotheses.load_state_dict(plain.hypotheses.state_dict())

@@ -13,19 +13,23 @@ from typing import BinaryIO
 import torch
 from torch import Tensor
 
-from terrain_estimator.model.model_file import (
+from terrain_estimator.model.metadata import (
     FORMAT,
     Metadata,
     ModelFileError,
     Training,
     fingerprint,
-    load_model,
     write_metadata,
 )
-from terrain_estimator.model.packing import BLOCK, PACKED_SCALAR_FIELDS, PACKED_WHEEL_FIELDS
+from terrain_estimator.model.model_file import load_model
+from terrain_estimator.model.packed_observation import (
+    BLOCK,
+    PACKED_SCALAR_FIELDS,
+    PACKED_WHEEL_FIELDS,
+)
 from terrain_estimator.model.palpaca import PAlpaca
-from terrain_estimator.model.prior import UNCERTAIN
-from terrain_estimator.model.rows import row_names
+from terrain_estimator.model.physics import UNCERTAIN
+from terrain_estimator.model.row_names import row_names
 from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover

@@ -3,19 +3,21 @@
 """Model file of a finding: the rover's model with the named effect."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.discovery.evidence.verdict import Verdict
 from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.learning.adding import Sized, add_effects, restored
-from terrain_estimator.model.model_file import (
+from terrain_estimator.model.metadata import (
+    Metadata,
     ModelFileError,
-    load_model,
     model_names,
     model_path,
     read_metadata,
 )
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior
 from terramechanics.vehicle.rover import Rover
 
@@ -29,7 +31,7 @@ No effect keeps exactly to its named law.
 def check_model(model: str, rover: Rover) -> None:
     """Check that the model can be extended; raises ModelFileError."""
     known = load_model(model)
-    if known.rover != rover:
+    if known.rover.first_difference(rover):
         raise ModelFileError(
             f"model {model} was made for another rover than {rover.name}: give its rover by"
             " --rover, or another --model"
@@ -37,33 +39,50 @@ def check_model(model: str, rover: Rover) -> None:
     restored(known)
 
 
-def prior_of(model: str, rover: Rover) -> Prior:
-    """Return the prior of a model, else of the installed one of the rover's name, else the default.
+def installed_model(rover: Rover) -> str:
+    """Return the name of the installed model of a rover, that of its own name where several are.
+
+    Only the names of rover and wheels may differ. Empty where there is none. Raises ModelFileError.
+    """
+    fitting = [name for name in model_names() if not _metadata(name).rover.first_difference(rover)]
+    return rover.name if rover.name in fitting else "".join(fitting[:1])
+
+
+def prior_of(model: str) -> Prior:
+    """Return the prior of a model of that name or file, the default for an empty name.
 
     Raises ModelFileError.
     """
-    if not model and rover.name not in model_names():
-        return DEFAULT_PRIOR
-    return read_metadata(model_path(model or rover.name).with_suffix(".json")).prior
+    return _metadata(model).prior if model else DEFAULT_PRIOR
+
+
+def _metadata(model: str) -> Metadata:
+    return read_metadata(model_path(model).with_suffix(".json"))
 
 
 def write_model(finding: Finding, rover: Rover, model: str, path: Path, new: Path) -> Path | str:
     """Write the model with the named effect, the size found as its prior, to ``new``.
 
     Return its later place ``path``, or the reason why none is written. ``model`` is the name or
-    file of the model to extend; empty: the model with the rover's name.
+    file of the model to extend, empty where there is none. The new one has the names of ``rover``.
     """
     if model and Path(model).resolve() == path.resolve():
         return f"no model is written: {path} is the model to extend; give another --out"
     if finding.judgement.verdict is not Verdict.NAMED:
         return "no model is written: no effect is named"
+    if finding.soil is not None:
+        return (
+            "no model is written: the soil constants differ from those of the model; train one with"
+            " --soil and the soil file above, then add the effect by add_effect"
+        )
+    if not model:
+        return (
+            f"no model is written: none of the installed ones ({', '.join(model_names())}) is for"
+            f" rover {rover.name}; train one and give it by --model"
+        )
     try:
-        known = load_model(model or rover.name)
-        if known.rover != rover:
-            return (
-                f"no model is written: {known.model_id} is for another rover than {rover.name};"
-                " give --model"
-            )
+        known = load_model(model)
+        known = replace(known, metadata=replace(known.metadata, rover=rover))
         candidate = finding.candidate(finding.judgement.named[0])
         sizes = [
             Sized(name, size, math.hypot(sd, ELSEWHERE * size))

@@ -15,18 +15,27 @@ from torch import Tensor
 
 from terrain_estimator.learning.tasks import Tasks
 from terrain_estimator.model.gaussian import cholesky
-from terrain_estimator.model.packing import BLOCK, view_of
+from terrain_estimator.model.packed_observation import BLOCK
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.physics_by_law import PhysicsByLaw
 from terrain_estimator.model.physics_with_effects import nominal_of
-from terrain_estimator.model.rows import PA_PER_UNIT, regression_rows, row_names
+from terrain_estimator.model.row_names import row_names
+from terrain_estimator.model.rows import (
+    PA_PER_UNIT,
+    ContactModel,
+    Rows,
+    frame_of,
+    regression_rows,
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Regression:
     """Blocks of a batch of tasks, zero where a block is not valid.
 
-    Each has Q = A + 4 rows: velocity, load, torques, moments; M uncertain soil constants, in prior
-    deviations.
+    Each has Q = A + 3 + J rows for J joints: velocity, load, torques, moments; M uncertain soil
+    constants, in prior deviations.
     """
 
     nominal: Tensor  # [tasks, blocks, Q, 2 + M] columns c [kPa], tan phi, soil constants
@@ -73,7 +82,7 @@ def _regression(model: PAlpaca, tasks: Tasks, generator: torch.Generator) -> Reg
     blocks, axles = time // BLOCK, model.axles
     packed = tasks.true[:, : blocks * BLOCK].reshape(-1, size)
     contact, chosen = nominal_of(model.physics).nominal_contact(), distinct_rows(axles)
-    rows, view = regression_rows(packed, packed, contact), view_of(packed, axles)
+    rows, view = _rows(model, packed, contact), view_of(packed, axles)
     kept = len(chosen)
     theta = tasks.strength / torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
     theta = torch.cat([theta, torch.ones(count, 1, dtype=torch.float64)], 1)
@@ -112,6 +121,14 @@ def _regression(model: PAlpaca, tasks: Tasks, generator: torch.Generator) -> Reg
             ),
         )
     )
+
+
+def _rows(model: PAlpaca, packed: Tensor, contact: ContactModel) -> Rows:
+    """Return the rows of observations [n, P] by the contact law of the model."""
+    physics = model.physics
+    if isinstance(physics, PhysicsByLaw):
+        return physics.rows_at(frame_of(packed, contact), packed, contact, None)
+    return regression_rows(packed, packed, contact)
 
 
 def _only_valid(data: Regression) -> Regression:

@@ -7,8 +7,10 @@ import dataclasses
 import torch
 
 from terrain_estimator.learning.training import build_model
-from terrain_estimator.model.model_file import LoadedModel, ModelFileError
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.metadata import ModelFileError
 from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.physics import GEOMETRY
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
@@ -32,6 +34,9 @@ def restore(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
     model = build_model(
         loaded.rover, loaded.metadata.soils, columns, last.shape[1], prior, moments=moments
     )
+    # The rover file has them; models of older versions store the pivot in another form.
+    own = model.state_dict()
+    values |= {name: own[name] for name in own if name.rpartition(".")[2] in GEOMETRY}
     model.load_state_dict(values)
     if trust is not None:
         _trust(model, trust)

@@ -113,7 +113,8 @@ def random_ground(
     unit = torch.rand(batch, 2, generator=generator, dtype=torch.float64)
     error = 2.0 * torch.rand(batch, 6, generator=generator, dtype=torch.float64) - 1.0
     constants = soil.constants() * (1.0 + spread * error)
-    return Ground([Patch(constants, strength.strength(unit), name=soil.name)])
+    patch = Patch(constants, strength.strength(unit), name=soil.name, law=soil.law)
+    return Ground([patch])
 
 
 def draw_tasks(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.learning.loss import (
     Orthogonality,
     negative_log_predictive,
@@ -20,9 +21,10 @@ from terrain_estimator.learning.loss import (
 from terrain_estimator.learning.regression import Regression, distinct_rows
 from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.palpaca import PAlpaca
-from terrain_estimator.model.physics import Physics
-from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior, RoverBody
-from terramechanics.terrain.soil import Soil
+from terrain_estimator.model.physics import Physics, RoverBody
+from terrain_estimator.model.physics_by_law import PhysicsByLaw, ScmStresses
+from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior
+from terramechanics.terrain.soil import SCM, Soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import geometry_of
 
@@ -90,7 +92,7 @@ def build_model(
         0.05 * rover.gravity,
         0.05,
         *([0.05 * torque] * body.axles),
-        *([0.05, 0.05] if moments else []),
+        *([0.05] * (1 + len(rover.suspension)) if moments else []),
     ]
     net = NetFeatures(
         body.axles,
@@ -100,7 +102,24 @@ def build_model(
         torch.tensor(sizes, dtype=torch.float64),
     )
     constants = torch.stack([soil.constants() for soil in soils])
-    return PAlpaca(Physics(body, constants, prior.constants_sd), net, prior)
+    physics = Physics(body, constants, prior.constants_sd)
+    if law_of(soils) == SCM:
+        return PAlpaca(PhysicsByLaw(physics, ScmStresses()), net, prior)
+    return PAlpaca(physics, net, prior)
+
+
+def law_of(soils: Sequence[Soil]) -> str:
+    """Return the contact law of the soils of a model.
+
+    Raises ConfigError where they have several: a model's observations have one.
+    """
+    laws = sorted({soil.law for soil in soils})
+    if len(laws) > 1:
+        raise ConfigError(
+            f"soils of one model have one contact law, not {' and '.join(laws)}:"
+            f" {', '.join(f'{soil.name} has {soil.law}' for soil in soils)}"
+        )
+    return laws[0]
 
 
 class _Learnt(nn.Module):

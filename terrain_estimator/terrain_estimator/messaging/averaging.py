@@ -16,6 +16,7 @@ import dataclasses
 import itertools
 import math
 import statistics
+from bisect import bisect_right
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -136,9 +137,10 @@ class RateWindow:
         if last_ns is None:
             return
         self._intervals.append(stamp_ns - last_ns)
-        longest = _GAP * statistics.median(self._intervals)
+        ordered = sorted(self._intervals)
+        longest = _GAP * statistics.median(ordered)
         # a mean of neighbouring intervals hardly depends on jitter, which cancels in their sum
-        self.interval_ns = statistics.fmean(each for each in self._intervals if each <= longest)
+        self.interval_ns = statistics.fmean(ordered[: bisect_right(ordered, longest)])
         if self.is_known:
             self.treatment = self._judged()
 
@@ -178,6 +180,7 @@ class Averager:
         self._first: Conversion | None = None  # the only one that passed; None after others did
         self._waiting: list[Conversion] = []
         self._last_ns = -1
+        self._begins = True  # whether the last stamp was the first
         self._end_ns = -math.inf  # of the step that is being averaged
 
     @property
@@ -187,11 +190,23 @@ class Averager:
 
     def add(self, reading: Conversion) -> list[Conversion]:
         """Add a reading; return what the estimator takes now, by increasing stamp."""
-        if reading.stamp_ns <= self._last_ns:
+        return [reading] if self.passes(reading.stamp_ns) else self.take(reading)
+
+    def passes(self, stamp_ns: int) -> bool:
+        """Note the stamp of the next reading; return whether the estimator takes it as it is.
+
+        Otherwise the reading itself must follow, by :meth:`take`.
+        """
+        if stamp_ns <= self._last_ns:
             self.reset()  # the clock was set back
-        begins, self._last_ns = self._last_ns < 0, reading.stamp_ns
-        self._window.add(reading.stamp_ns)
-        if begins:
+        self._begins, self._last_ns = self._last_ns < 0, stamp_ns
+        self._window.add(stamp_ns)
+        waits = self._waiting or self._withdraws
+        return self._decided and not waits and self._window.treatment is Treatment.PASS
+
+    def take(self, reading: Conversion) -> list[Conversion]:
+        """Add a reading that does not pass; return what the estimator takes now."""
+        if self._begins:
             self._first = reading
             return [dataclasses.replace(reading, mark=Mark.FIRST)]
         if self._decided:

@@ -17,14 +17,23 @@ from enum import IntEnum
 import numpy as np
 
 from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
-from terrain_estimator.estimator.screening import NOISE_BOUND
+from terrain_estimator.messaging.conversion_rules import (
+    ANY,
+    NOT_MEASURED,
+    Bounds,
+    acceleration_of,
+    deviation_of,
+    finite_mean,
+    mean,
+    mean_deviation,
+    pitch_of,
+    usable,
+)
 from terrain_estimator.messaging.sizes import Oversized
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import PITCH_IN_ORIENTATION, PITCH_IN_POSE, Message
 from terramechanics.vehicle.rover import Rover
-
-UNIT_QUATERNION_TOLERANCE = 0.1  # a norm further from 1 is no orientation (all zeros: "not set")
 
 Groups = tuple[tuple[int, ...], ...]  # per axle: positions of its wheels in the message
 
@@ -60,17 +69,6 @@ class _Notes:
 
 
 @dataclass(frozen=True, slots=True)
-class _Bounds:
-    """Closed range of the values that a wheel can have, without noise."""
-
-    low: float
-    high: float
-
-
-_ANY = _Bounds(-math.inf, math.inf)
-
-
-@dataclass(frozen=True, slots=True)
 class _Signal:
     """One measured quantity of all wheels, as a message carries it."""
 
@@ -78,7 +76,7 @@ class _Signal:
     names: list[str]
     values: Message
     deviations: Message
-    bounds: _Bounds
+    bounds: Bounds
 
 
 class WrongWheelsError(ValueError):
@@ -93,14 +91,16 @@ class Converter:
 
     def __init__(self, rover: Rover, config: ConversionConfig, core: CoreConfig) -> None:
         """Prepare for one rover; ``core`` selects the sensors and the range of slip."""
-        self._rover, self._config, self._core = rover, config, core
+        self.rover, self.config, self.core = rover, config, core
         self._axles: dict[str, int] = dict(zip(rover.wheel_names, rover.wheel_axle, strict=True))
         absolute = 0.01 * 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
-        self._torque_absolute = config.torque_absolute_sd or absolute
-        self._slip_bounds = _Bounds(core.slip_minimum, core.slip_maximum)
-        self._sinkage_bounds = _Bounds(0.0, rover.wheel_radius)
-        self._bogie_joints = {name.strip() for name in config.bogie_joint.split(",")}
-        self._joints_read = self._bogie_joints.union(self._axles)
+        self.torque_absolute_sd = config.torque_absolute_sd or absolute
+        self.slip_bounds = Bounds(core.slip_minimum, core.slip_maximum)
+        self.sinkage_bounds = Bounds(0.0, rover.wheel_radius)
+        # without a joint, all axles are where the rover file has them
+        self.known_angle = math.nan if rover.suspension else 0.0
+        self.bogie_joints = {name.strip() for name in config.bogie_joint.split(",")}
+        self._joints_read = self.bogie_joints.union(self._axles)
         # by topic: the last names and their groups
         self._groups: dict[str, tuple[list[str], Groups]] = {}
 
@@ -119,14 +119,14 @@ class Converter:
         slip, sinkage, odom, joints, imu = (*messages, None)[
             :5
         ]  # the set has no imu where it is not used
-        if not self._core.use_imu:
+        if not self.core.use_imu:
             imu = None
         for large in (slip, sinkage, odom):
             if isinstance(large, Oversized):
                 return Conversion(stamp_ns, None, Outcome.WRONG_WHEELS, large.detail)
         notes = _Notes()
         joints, imu = (_unless_oversized(each, notes) for each in (joints, imu))
-        wrong = self._wrong_frame(slip, sinkage, odom, imu)
+        wrong = self.wrong_frame(slip, sinkage, odom, imu)
         if wrong:
             return Conversion(stamp_ns, None, Outcome.WRONG_FRAME, wrong)
         try:
@@ -135,9 +135,9 @@ class Converter:
             return Conversion(stamp_ns, None, Outcome.WRONG_WHEELS, str(error))
         return Conversion(stamp_ns, observation, notes=tuple(notes.texts))
 
-    def _wrong_frame(self, slip: Message, sinkage: Message, odom: Message, imu: Message) -> str:
+    def wrong_frame(self, slip: Message, sinkage: Message, odom: Message, imu: Message) -> str:
         """Name the first message whose frame is not the body's; empty where all are right."""
-        expected = self._config.body_frame
+        expected = self.config.body_frame
         if not expected:
             return ""
         frames = [("odom (child_frame_id)", odom.child_frame_id)]
@@ -156,21 +156,21 @@ class Converter:
     ) -> Observation:
         slip, sinkage, odom, joints = messages
         slips, slip_sds = self._axle_means(
-            _Signal("wheel_slip", slip.wheel, slip.slip, slip.slip_stddev, self._slip_bounds), notes
+            _Signal("wheel_slip", slip.wheel, slip.slip, slip.slip_stddev, self.slip_bounds), notes
         )
         depth = _Signal(
             "wheel_sinkage",
             sinkage.wheel,
             sinkage.sinkage,
             sinkage.sinkage_stddev,
-            self._sinkage_bounds,
+            self.sinkage_bounds,
         )
         angle = _Signal(
             "wheel_sinkage",
             sinkage.wheel,
             sinkage.contact_angle,
             sinkage.contact_angle_stddev,
-            _ANY,
+            ANY,
         )
         sinkages, sinkage_sds = self._axle_means(depth, notes)
         angles, angle_sds = self._axle_means(angle, notes)
@@ -189,7 +189,7 @@ class Converter:
             torque=np.array(torques),
             torque_sd=np.array(torque_sds),
             velocity=float(odom.twist.twist.linear.x),
-            velocity_sd=_deviation(odom.twist.covariance[0], self._config.default_velocity_sd),
+            velocity_sd=deviation_of(odom.twist.covariance[0], self.config.default_velocity_sd),
             pitch=pitch,
             pitch_sd=pitch_sd,
             acceleration=acceleration,
@@ -200,7 +200,7 @@ class Converter:
     def _axle_means(self, signal: _Signal, notes: _Notes) -> tuple[list[float], list[float]]:
         """Return the mean over the wheels of each axle, and the standard deviation of that mean."""
         topic, names = signal.topic, signal.names
-        groups = self._match(topic, names)
+        groups = self.match(topic, names)
         values, deviations = signal.values.tolist(), signal.deviations.tolist()
         if not len(values) == len(deviations) == len(names):
             raise WrongWheelsError(
@@ -209,17 +209,17 @@ class Converter:
             )
         means, sds = [], []
         for group in groups:
-            picked = _usable(group, values, deviations, signal.bounds)
+            picked = usable(group, values, deviations, signal.bounds)
             if len(picked) < len(group):
                 left_out = [at for at in group if at not in picked and not math.isnan(values[at])]
                 notes.texts += [
                     f"{topic}: wheel {names[at]} with {values[at]:.3g} left out" for at in left_out
                 ]
-            means.append(sum(values[at] for at in picked) / len(picked))
-            sds.append(_mean_deviation([deviations[at] for at in picked]))
+            means.append(mean([values[at] for at in picked]))
+            sds.append(mean_deviation([deviations[at] for at in picked]))
         return means, sds
 
-    def _match(self, topic: str, names: list[str]) -> Groups:
+    def match(self, topic: str, names: list[str]) -> Groups:
         """Return the positions of each axle's wheels in a message.
 
         The message must have the rover's wheels, each once, and no others.
@@ -230,7 +230,7 @@ class Converter:
         missing, foreign = self._axles.keys() - set(names), set(names) - self._axles.keys()
         if missing or foreign or len(names) != len(self._axles):
             raise WrongWheelsError(
-                f"{topic}: got wheels {list(names)}, the rover {self._rover.name} has"
+                f"{topic}: got wheels {list(names)}, the rover {self.rover.name} has"
                 f" {list(self._axles)}"
             )
         return self._remember(topic, names)
@@ -240,7 +240,7 @@ class Converter:
         axle_of = [self._axles.get(name) for name in names]
         groups = tuple(
             tuple(at for at, axle in enumerate(axle_of) if axle == wanted)
-            for wanted in range(self._rover.axles)
+            for wanted in range(self.rover.axles)
         )
         self._groups[topic] = (list(names), groups)
         return groups
@@ -252,18 +252,13 @@ class Converter:
 
         NaN where a value is not measured.
         """
-        unknown = [math.nan] * self._rover.axles
+        unknown = [math.nan] * self.rover.axles
         if joints is None:
             return unknown, unknown, unknown
         names = joints.name
-        cached = self._groups.get("joint_states")
-        groups = (
-            cached[1]
-            if cached is not None and cached[0] == names
-            else self._remember("joint_states", names)
-        )
+        groups = self.joint_groups(names)
         rates = self._joint_means(groups, "velocity", (names, joints.velocity.tolist()), notes)
-        if not self._core.use_torque:
+        if not self.core.use_torque:
             return rates, unknown, unknown
         efforts = joints.effort.tolist()
         torques = self._joint_means(groups, "effort", (names, efforts), notes)
@@ -276,6 +271,13 @@ class Converter:
                 for group, torque in measured
             ],
         )
+
+    def joint_groups(self, names: list[str]) -> Groups:
+        """Return the positions of each axle's wheels among the joints; there may be others."""
+        cached = self._groups.get("joint_states")
+        if cached is not None and cached[0] == names:
+            return cached[1]
+        return self._remember("joint_states", names)
 
     def _joint_means(
         self, groups: Groups, what: str, named: tuple[Sequence[str], list[float]], notes: _Notes
@@ -294,54 +296,55 @@ class Converter:
             return [math.nan] * len(groups)
         if math.inf in values or -math.inf in values:
             notes.texts.append(f"joint_states: infinite {what} left out")
-        return [_finite_mean([values[at] for at in group]) for group in groups]
+        return [finite_mean([values[at] for at in group]) for group in groups]
 
     def _bogie_angle(self, joints: Message) -> float:
-        """Return the bogies' mean joint angle [rad], nose up; NaN where it is not measured."""
-        if joints is None:
-            return math.nan
+        """Return the bogies' mean joint angle [rad], nose up; NaN where it is not measured.
+
+        It is 0 of a rover without a joint, whatever the message has.
+        """
+        if joints is None or not self.rover.suspension:
+            return self.known_angle
         angles = [
             angle
             for name, angle in zip(joints.name, joints.position.tolist(), strict=False)
-            if name in self._bogie_joints
+            if name in self.bogie_joints
         ]
-        mean = sum(angles) / len(angles) if angles else math.nan
-        return -mean if self._config.bogie_nose_down else mean
+        angle = mean(angles) if angles else math.nan
+        return -angle if self.config.bogie_nose_down else angle
 
     def _torque_deviation(self, group: tuple[int, ...], efforts: list[float]) -> float:
-        relative, absolute = self._config.torque_relative_sd, self._torque_absolute
-        return _mean_deviation(
-            [
-                math.hypot(relative * efforts[at], absolute)
-                for at in group
-                if math.isfinite(efforts[at])
-            ]
+        return mean_deviation(
+            [self.torque_deviation(efforts[at]) for at in group if math.isfinite(efforts[at])]
         )
+
+    def torque_deviation(self, torque: float) -> float:
+        """Return the standard deviation [N m] of the torque of one wheel."""
+        return math.hypot(self.config.torque_relative_sd * torque, self.torque_absolute_sd)
 
     def _pitch(self, odom: Message, imu: Message) -> tuple[float, float]:
         """Return the nose-up pitch [rad] and its standard deviation.
 
         The imu gives it where it has an orientation, else odom.
         """
-        if imu is not None and imu.orientation_covariance[0] != -1.0:
+        if imu is not None and imu.orientation_covariance[0] != NOT_MEASURED:
             orientation, variance = (
                 imu.orientation,
                 imu.orientation_covariance[PITCH_IN_ORIENTATION],
             )
         else:
             orientation, variance = odom.pose.pose.orientation, odom.pose.covariance[PITCH_IN_POSE]
-        return nose_up_pitch(orientation), _deviation(variance, self._config.default_pitch_sd)
+        return nose_up_pitch(orientation), deviation_of(variance, self.config.default_pitch_sd)
 
     def _acceleration(self, imu: Message) -> tuple[float, float]:
         """Return specific force along body x [m/s^2] and its deviation; NaN where not measured."""
-        if imu is None or imu.linear_acceleration_covariance[0] == -1.0:
+        if imu is None:
             return math.nan, math.nan
-        deviation = _deviation(
-            imu.linear_acceleration_covariance[0], self._config.default_acceleration_sd
+        return acceleration_of(
+            imu.linear_acceleration.x,
+            imu.linear_acceleration_covariance[0],
+            self.config.default_acceleration_sd,
         )
-        if deviation == 0.0:
-            return math.nan, math.nan
-        return float(imu.linear_acceleration.x), deviation
 
 
 def _unless_oversized(message: Message, notes: _Notes) -> Message:
@@ -352,60 +355,5 @@ def _unless_oversized(message: Message, notes: _Notes) -> Message:
 
 
 def nose_up_pitch(orientation: Message) -> float:
-    """Return the pitch [rad], positive nose up, of an orientation quaternion.
-
-    The quaternion is in REP-103 axes: x forward, y left, z up.
-
-    REP-103's rotation about y is positive nose DOWN, hence the sign. An invalid quaternion (all
-    zeros) gives NaN.
-    """
-    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
-    norm = x * x + y * y + z * z + w * w
-    if not abs(norm - 1.0) < UNIT_QUATERNION_TOLERANCE:
-        return math.nan
-    sine = 2.0 * (w * y - z * x) / norm
-    return -math.asin(max(-1.0, min(1.0, sine)))
-
-
-def _deviation(variance: float, default: float) -> float:
-    """Return the standard deviation of a ROS covariance entry.
-
-    0 means unknown and gives the default; a negative entry gives NaN.
-    """
-    value = float(variance)
-    if value == 0.0:
-        return default
-    return math.sqrt(value) if value > 0.0 else math.nan
-
-
-def _usable(
-    group: tuple[int, ...], values: list[float], deviations: list[float], bounds: _Bounds
-) -> list[int]:
-    """Return the positions of an axle's wheels that enter the mean.
-
-    They are finite, and possible where any is. A value is impossible where noise does not explain
-    it; an average would hide it. Where no wheel is left, all are returned, so that the screening
-    reports the reason.
-    """
-    finite = [at for at in group if math.isfinite(values[at])]
-    possible = []
-    for at in finite:
-        noise = NOISE_BOUND * deviations[at]
-        if bounds.low - noise <= values[at] <= bounds.high + noise:
-            possible.append(at)
-    return possible or finite or list(group)
-
-
-def _mean_deviation(deviations: list[float]) -> float:
-    """Return the standard deviation of the mean of independent values.
-
-    A bad deviation is passed on, so that the screening refuses it.
-    """
-    if min(deviations) <= 0.0:
-        return min(deviations)
-    return math.hypot(*deviations) / len(deviations)
-
-
-def _finite_mean(values: list[float]) -> float:
-    finite = [value for value in values if math.isfinite(value)]
-    return sum(finite) / len(finite) if finite else math.nan
+    """Return the pitch [rad], positive nose up, of a quaternion message; NaN where it is none."""
+    return pitch_of(orientation.x, orientation.y, orientation.z, orientation.w)

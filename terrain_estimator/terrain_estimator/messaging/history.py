@@ -8,9 +8,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, Self, TypeVar
 
+import numpy as np
+
 from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.messaging.health import normalized_innovation
 from terrain_estimator.messaging.settled import SettledOutcomes
+from terrain_estimator.observation import Floats
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import Estimate, Update
 
@@ -82,7 +85,8 @@ class UpdateSpan:
             self.change_probability, update.estimate.change_probability
         )
         self.errors.add(update.prediction.innovation, update.prediction.innovation_variance)
-        self.outcomes += settled
+        if settled:
+            self.outcomes += settled
         nis = normalized_innovation(update)
         if math.isfinite(nis):
             self.nis_sum += nis
@@ -179,6 +183,18 @@ class WheelSpan:
                 self.sums[wheel] = self.sums.get(wheel, 0.0) + float(value)
                 self.counts[wheel] += 1
 
+    def add_rows(self, stamp_ns: int, wheels: Sequence[str], values: Floats) -> None:
+        """Add messages [n, wheels], the last of which has the stamp: the sums are those of add."""
+        self.stamp_ns, self.count = stamp_ns, self.count + len(values)
+        known = np.isfinite(values)
+        starts = [self.sums.get(wheel, 0.0) for wheel in wheels]
+        # one after the other: the order fixes every bit
+        sums = np.add.accumulate(np.vstack([starts, np.where(known, values, 0.0)]))[-1].tolist()
+        for wheel, total, count in zip(wheels, sums, known.sum(axis=0).tolist(), strict=True):
+            if count:
+                self.sums[wheel] = total
+                self.counts[wheel] += count
+
     def __add__(self, later: "WheelSpan") -> "WheelSpan":
         sums = {
             wheel: self.sums.get(wheel, 0.0) + later.sums.get(wheel, 0.0)
@@ -203,6 +219,15 @@ class WheelHistory(Spans[WheelSpan]):
         """Add the next message; it may name other wheels, in any order."""
         known = [pair for pair in zip(wheels, values, strict=False) if pair[0] in self.wheels]
         self.room(WheelSpan).add(stamp_ns, known)
+
+    def add_rows(self, stamps_ns: Sequence[int], wheels: Sequence[str], values: Floats) -> None:
+        """Add the next messages, whose names are all in use and each once, values [n, wheels]."""
+        done = 0
+        while done < len(stamps_ns):
+            span = self.room(WheelSpan)
+            end = min(done + self._length - span.count, len(stamps_ns))
+            span.add_rows(stamps_ns[end - 1], wheels, values[done:end])
+            done = end
 
 
 def _larger(one: float, other: float) -> float:

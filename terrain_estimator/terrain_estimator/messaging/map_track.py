@@ -3,6 +3,8 @@
 """Estimates along the track as evenly spaced points of a map, in bounded number."""
 
 import math
+from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +23,19 @@ POINT = np.dtype(
             "cohesion_stddev",
             "tan_phi_stddev",
             "time",
+            "slope_limit",
         ],
-        "formats": ["<f4"] * 7 + ["<f8"],
+        "formats": ["<f4"] * 7 + ["<f8", "<f4"],
     }
 )
-"""Fields of a point [m, m, m, Pa, 1, Pa, 1, s]; viewers need x, y, z in single precision."""
+"""Fields of a point [m, m, m, Pa, 1, Pa, 1, s, rad]; viewers need x, y, z in single precision."""
 _LARGEST = float(np.finfo(np.float32).max)
 """Larger values are infinite in single precision."""
 _KINDS = {"<f4": 7, "<f8": 8}  # sensor_msgs/PointField: FLOAT32, FLOAT64
+
+
+Judge: TypeAlias = Callable[[Message], float]
+"""The steepest slope that the rover climbs on the ground of an estimate [rad]."""
 
 
 class MapTrack:
@@ -53,8 +60,12 @@ class MapTrack:
     def __len__(self) -> int:
         return len(self._points)
 
-    def add(self, estimate: Message, odometry: Message) -> bool:
+    def add(
+        self, estimate: Message, odometry: Message, climbable: Judge = lambda _: math.nan
+    ) -> bool:
         """Add an estimate at the rover's position; return whether the points changed.
+
+        ``climbable`` returns the steepest slope [rad] on such ground, NaN where it is not known.
 
         Values that are not finite add no point, nor does an estimate without observations or of a
         model that does not fit: it is the prior, and holds no information about the place.
@@ -65,9 +76,9 @@ class MapTrack:
             self._begin()
         self._latest_ns = now
         learnt = estimate.observations_used > 0 and estimate.status != Status.DISAGREES
-        return (learnt and self._append(estimate, odometry)) or anew
+        return (learnt and self._append(estimate, odometry, climbable)) or anew
 
-    def _append(self, estimate: Message, odometry: Message) -> bool:
+    def _append(self, estimate: Message, odometry: Message, climbable: Judge) -> bool:
         place = odometry.pose.pose.position
         values = (
             estimate.cohesion,
@@ -83,7 +94,7 @@ class MapTrack:
         if len(self._points) == self._capacity:
             self._points = self._points[::2]
             self._spacing_m *= 2.0
-        self._points.append(point)
+        self._points.append((*point, climbable(estimate)))
         return True
 
     def points(self) -> NDArray[np.void]:
@@ -114,5 +125,5 @@ def cloud_message(track: MapTrack, make: Make, header: Message) -> Message:
         point_step=POINT.itemsize,
         row_step=POINT.itemsize * len(track),
         data=np.frombuffer(points.tobytes(), dtype=np.uint8),
-        is_dense=True,
+        is_dense=bool(np.isfinite(points["slope_limit"]).all()),
     )

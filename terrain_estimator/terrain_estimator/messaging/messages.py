@@ -3,7 +3,7 @@
 """Build the outgoing messages, for the live node and for replay alike.
 
 The message classes come through a factory ``make(type_name, **fields)``. Arrays are passed to it
-as lists or NumPy arrays; it converts them to what its classes need.
+as sequences or NumPy arrays; it converts them to what its classes need.
 """
 
 import math
@@ -14,7 +14,7 @@ from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.messaging.health import Health
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import DECISION, ESTIMATE, HEALTH, PREDICTION, Make, Message
-from terrain_estimator.update import Decision, Estimate, Update
+from terrain_estimator.update import Decision, Update
 
 _MASS_WORTH_REPORTING = 0.025  # from here on zero cuts the 95 % interval
 
@@ -48,7 +48,7 @@ def status_of(update: Update, rows: tuple[str, ...]) -> Status:
         return Status.DISAGREES
     if decision.outcome is Outcome.STANDSTILL:
         return Status.STANDING_STILL
-    if not decision.outcome.used or set(rows) - set(decision.rows_used):
+    if not decision.outcome.used or _missing(rows, decision):
         return Status.DEGRADED
     if estimate.observations_used == 0:
         return Status.PRIOR_ONLY
@@ -73,7 +73,7 @@ def status_text(
             if not known
         ]
         parts.append(f"not identified yet: {', '.join(open_names)}")
-    missing = [row for row in rows if row not in decision.rows_used]
+    missing = _missing(rows, decision)
     if missing and decision.outcome.used:
         parts.append(f"rows missing: {', '.join(missing)}")
     if estimate.mass_below_zero > _MASS_WORTH_REPORTING:
@@ -84,6 +84,12 @@ def status_text(
     if decision.detail:
         parts.append(f"{decision.outcome.name}: {decision.detail}")
     return "; ".join([*parts, *notes, *update.warnings])
+
+
+def _missing(rows: tuple[str, ...], decision: Decision) -> list[str]:
+    """Return the rows that the decision lacks."""
+    used = decision.rows_used
+    return [] if used == rows else [row for row in rows if row not in used]
 
 
 def update_header(update: Update, make: Make, meta: Meta) -> Message:
@@ -105,6 +111,8 @@ def estimate_message(
     """
     estimate = update.estimate
     status = status_of(update, meta.rows)
+    (cohesion, tan_phi), covariance = estimate.mean.tolist(), estimate.covariance.ravel().tolist()
+    lower, upper = estimate.lower_95.tolist(), estimate.upper_95.tolist()
     return make(
         ESTIMATE,
         header=header,
@@ -112,17 +120,28 @@ def estimate_message(
         model_id=meta.model_id,
         model_sha256=meta.model_sha256,
         configuration_sha256=meta.configuration_sha256,
-        **_estimate_fields(estimate),
+        cohesion=cohesion,
+        cohesion_stddev=math.sqrt(covariance[0]),
+        cohesion_lower_95=lower[0],
+        cohesion_upper_95=upper[0],
+        tan_phi=tan_phi,
+        tan_phi_stddev=math.sqrt(covariance[3]),
+        tan_phi_lower_95=lower[1],
+        tan_phi_upper_95=upper[1],
+        covariance=covariance,
+        cohesion_identified=bool(estimate.identified[0]),
+        tan_phi_identified=bool(estimate.identified[1]),
+        mass_below_zero=estimate.mass_below_zero,
         change_probability=estimate.change_probability,
-        soil=list(estimate.soils),
-        soil_probability=list(estimate.soil_probability),
+        soil=estimate.soils,
+        soil_probability=estimate.soil_probability,
         effect=[effect.name for effect in estimate.effects],
         effect_value=[effect.mean for effect in estimate.effects],
         effect_stddev=[effect.sd for effect in estimate.effects],
         effect_unit=[effect.unit for effect in estimate.effects],
         status=int(status),
         status_text=status_text(update, status, meta.rows, notes),
-        rows=list(update.decision.rows_used),
+        rows=update.decision.rows_used,
         observations_used=estimate.observations_used,
         observations_waiting=estimate.observations_waiting,
         time_used=estimate.time_used_s,
@@ -133,26 +152,6 @@ def estimate_message(
         fit_spread=[fit.spread for fit in estimate.fit],
         decision=_decision_message(update.decision, make),
     )
-
-
-def _estimate_fields(estimate: Estimate) -> dict[str, object]:
-    """Return cohesion and tan phi, as flat scalars and as the covariance."""
-    (cohesion, tan_phi), covariance = estimate.mean.tolist(), estimate.covariance.ravel()
-    lower, upper = estimate.lower_95.tolist(), estimate.upper_95.tolist()
-    return {
-        "cohesion": cohesion,
-        "cohesion_stddev": math.sqrt(covariance[0]),
-        "cohesion_lower_95": lower[0],
-        "cohesion_upper_95": upper[0],
-        "tan_phi": tan_phi,
-        "tan_phi_stddev": math.sqrt(covariance[3]),
-        "tan_phi_lower_95": lower[1],
-        "tan_phi_upper_95": upper[1],
-        "covariance": covariance,
-        "cohesion_identified": bool(estimate.identified[0]),
-        "tan_phi_identified": bool(estimate.identified[1]),
-        "mass_below_zero": estimate.mass_below_zero,
-    }
 
 
 def prediction_message(update: Update, make: Make, meta: Meta, header: Message) -> Message:
@@ -219,7 +218,7 @@ def _decision_message(decision: Decision, make: Make) -> Message:
         outcome_name=decision.outcome.name,
         advice=decision.outcome.advice,
         settled=decision.settled,
-        rows_used=list(decision.rows_used),
+        rows_used=decision.rows_used,
         mahalanobis_squared=decision.mahalanobis_squared,
         threshold=decision.threshold,
         degrees_of_freedom=decision.degrees_of_freedom,

@@ -66,9 +66,8 @@ class _Input:
     backwards: int = 0  # messages in a row that were not after latest_ns
     backwards_ns: int = -1  # stamp of the last of them
 
-    def keep(self, stamp_ns: int, message: Message) -> None:
-        """Add a message; drop the oldest ones where they become too many or too large."""
-        size = message_bytes(message)
+    def keep(self, stamp_ns: int, message: Message, size: int) -> None:
+        """Add a message of a size [B]; drop the oldest ones beyond the capacity."""
         self.waiting.append((stamp_ns, message, size))
         self.waiting_bytes += size
         while len(self.waiting) > CAPACITY or self.waiting_bytes > CAPACITY_BYTES:
@@ -120,9 +119,17 @@ class Synchronizer:
         return {entry.topic.name: entry.counters for entry in self._inputs}
 
     def add(
-        self, index: int, stamp_ns: int, message: Message, sequence: int | None = None
+        self,
+        index: int,
+        stamp_ns: int,
+        message: Message,
+        sequence: int | None = None,
+        size: int | None = None,
     ) -> list[MessageSet]:
-        """Add a message of ``topics[index]``; return the sets that it completes."""
+        """Add a message of ``topics[index]``; return the sets that it completes.
+
+        ``size`` [B] is that of the message in memory, where it is known already.
+        """
         entry = self._inputs[index]
         entry.counters.received += 1
         if stamp_ns <= entry.latest_ns and not self._restarted(entry, stamp_ns):
@@ -133,7 +140,7 @@ class Synchronizer:
         if sequence is not None:
             entry.counters.lost += entry.sequence.note(sequence)
         entry.latest_ns, entry.backwards = stamp_ns, 0
-        entry.keep(stamp_ns, message)
+        entry.keep(stamp_ns, message, message_bytes(message) if size is None else size)
         return self._release()
 
     def flush(self) -> list[MessageSet]:
@@ -199,12 +206,13 @@ class Synchronizer:
                 break
         else:
             return True
-        return sorted(entry.latest_ns for entry in self._inputs)[-2] >= stamp_ns + self._timeout_ns
+        late_ns = stamp_ns + self._timeout_ns
+        return [entry.latest_ns >= late_ns for entry in self._inputs].count(True) > 1
 
     def _take(self, stamp_ns: int) -> MessageSet | None:
         """Take the head of the reference and its partners; None where a required one is missing."""
         found = [self._nearest(entry, stamp_ns) for entry in self._others]
-        complete = all(
+        complete = None not in found or all(
             at is not None or not entry.topic.required
             for at, entry in zip(found, self._others, strict=True)
         )

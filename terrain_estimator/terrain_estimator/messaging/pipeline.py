@@ -8,7 +8,7 @@ The node and replay both run this object.
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,7 @@ from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
 from terrain_estimator.messaging.averaging import Averager, Rate
+from terrain_estimator.messaging.columns import Observations, Row, can_be_columns, observed
 from terrain_estimator.messaging.conversion import Conversion, Converter, Mark
 from terrain_estimator.messaging.messages import (
     Meta,
@@ -28,7 +29,8 @@ from terrain_estimator.messaging.messages import (
 )
 from terrain_estimator.messaging.pairing import Counters, MessageSet, input_synchronizer
 from terrain_estimator.messaging.sizes import bounded
-from terrain_estimator.model.model_file import LoadedModel, ModelFileError
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.metadata import Metadata, ModelFileError
 from terrain_estimator.observation import Observation
 from terrain_estimator.topics import (
     BODY_FRAME,
@@ -74,7 +76,7 @@ class Pipeline:
         self.inputs = paired_inputs(use_imu=config.core.use_imu)
         self._index = {name: index for index, name in enumerate(self.inputs)}
         self._synchronizer = input_synchronizer(self.inputs, config.pairing)
-        rover = rover_of(model, config.rover)
+        rover = rover_of(model.metadata, config.rover)
         self.rover_name, self._wheels = rover.name, rover.wheel_names
         self._model, self._config = model, config
         self._converter = Converter(rover, config.conversion, config.core)
@@ -96,6 +98,11 @@ class Pipeline:
     def counters(self) -> Mapping[str, Counters]:
         """Counts of the messages of each input."""
         return self._synchronizer.counters
+
+    @property
+    def runtime(self) -> str:
+        """What runs the model."""
+        return self._config.runtime
 
     @property
     def rate(self) -> Rate:
@@ -135,10 +142,39 @@ class Pipeline:
         """
         if not self._converter.concerns(topic, message):
             return []
-        kept = bounded(topic, message, MOST_WHEELS * len(self._wheels))
+        kept, size = bounded(topic, message, MOST_WHEELS * len(self._wheels))
         return self._synchronizer.add(
-            self._index[topic], stamp_ns(message), kept, getattr(message, "sequence", None)
+            self._index[topic], stamp_ns(message), kept, getattr(message, "sequence", None), size
         )
+
+    def column_size(self, topic: str, example: Message, dtype: np.dtype[Any]) -> int | None:
+        """Return the size [B] of messages like ``example``, whose numbers are in ``dtype``.
+
+        None where they are not to become columns, since :meth:`pair` skips or replaces them.
+        """
+        if not can_be_columns(topic, example, dtype):
+            return None
+        if not self._converter.concerns(topic, example):
+            return None
+        kept, size = bounded(topic, example, MOST_WHEELS * len(self._wheels))
+        return size if kept is example else None
+
+    def pair_row(self, row: Row) -> list[MessageSet]:
+        """Return the sets that a message of some columns completes, as :meth:`pair` does."""
+        columns, at = row
+        return self._synchronizer.add(
+            self._index[columns.topic],
+            columns.stamps_ns[at],
+            row,
+            None if columns.sequences is None else columns.sequences[at],
+            columns.size,
+        )
+
+    def observe(
+        self, stamps_ns: list[int], sets: Sequence[tuple[Row | None, ...]]
+    ) -> Observations | None:
+        """Convert sets of the same columns; None where :meth:`convert` has to."""
+        return observed(self._converter, stamps_ns, sets)
 
     def convert(self, complete: MessageSet) -> Conversion:
         """Convert a set to an observation or a refusal: the second step of :meth:`add`."""
@@ -147,6 +183,14 @@ class Pipeline:
     def average(self, conversion: Conversion) -> list[Conversion]:
         """Bring the readings to 10 Hz: the third step of :meth:`add`."""
         return self._averager.add(conversion)
+
+    def passes(self, stamp_ns: int) -> bool:
+        """Note the next reading's stamp; return whether it passes, or else goes to :meth:`take`."""
+        return self._averager.passes(stamp_ns)
+
+    def take(self, conversion: Conversion) -> list[Conversion]:
+        """Bring a reading that does not pass to 10 Hz: the rest of :meth:`average`."""
+        return self._averager.take(conversion)
 
     def rest_of_means(self) -> list[Conversion]:
         """Return the readings that still wait for a mean, at the end of the input."""
@@ -236,7 +280,8 @@ def configuration_sha256(model: LoadedModel, config: EstimatorConfig) -> str:
 
     Raises what :func:`rover_of` raises.
     """
-    contents = json.dumps(dataclasses.asdict(rover_of(model, config.rover)), sort_keys=True)
+    rover = rover_of(model.metadata, config.rover)
+    contents = json.dumps(rover.content(), sort_keys=True)
     return config.sha256(hashlib.sha256(contents.encode()).hexdigest() if config.rover else "")
 
 
@@ -295,7 +340,7 @@ def usable_rows(rows: tuple[str, ...], config: CoreConfig) -> tuple[str, ...]:
     return tuple(row for row in rows if not row.startswith(off))
 
 
-def rover_of(model: LoadedModel, name: str) -> Rover:
+def rover_of(metadata: Metadata, name: str) -> Rover:
     """Return the rover of that name or file; the model's where the name is empty.
 
     Only the names of rover and wheels may differ from the model's rover.
@@ -305,15 +350,12 @@ def rover_of(model: LoadedModel, name: str) -> Rover:
         ModelFileError: the model was made for another rover.
     """
     if not name:
-        return model.rover
+        return metadata.rover
     rover = load_rover(name)
-    for entry in dataclasses.fields(rover):
-        value, wanted = getattr(rover, entry.name), getattr(model.rover, entry.name)
-        if entry.name == "wheels":
-            value, wanted = sorted(rover.wheel_axle), sorted(model.rover.wheel_axle)
-        if entry.name != "name" and value != wanted:
-            raise ModelFileError(
-                f"rover {name}: {entry.name} is {value}, the model {model.model_id} is for"
-                f" {wanted}: train a model for this rover"
-            )
+    if different := rover.first_difference(metadata.rover):
+        field, value, wanted = different
+        raise ModelFileError(
+            f"rover {name}: {field} is {value}, the model {metadata.model_id} is for"
+            f" {wanted}: train a model for this rover"
+        )
     return rover

@@ -24,15 +24,15 @@ class SettledOutcomes:
     def add(self, update: Update) -> Counter[Outcome]:
         """Count an update; return the outcomes that it settles, its own among them or not."""
         decision = update.decision
-        used, settled = decision.outcome.used, Counter[Outcome]()
+        used = decision.outcome.used
         if used:
             self._waiting.append(decision.outcome)
-        else:
-            settled[decision.outcome] += 1
         gone = max(0, len(self._waiting) - update.estimate.observations_waiting)
         ended = self._waiting[:gone][-decision.settled :] if decision.settled else []
         del self._waiting[:gone]
-        settled.update(ended if used else {decision.outcome: len(ended)})
+        if used and not decision.settled:  # as nearly always
+            return Counter()
+        settled = Counter(ended if used else {decision.outcome: 1 + len(ended)})
         self.seconds_taken += used and decision.settled > 0
         self.seconds_refused += not used and decision.settled > 0
         self.outcomes += settled

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -19,18 +20,24 @@ LARGEST_MESSAGE = 1 << 18
 """[B] Largest message that is kept; 3000 joints fit."""
 FIXED_PART = 1000
 """[B] of a message besides its texts and arrays."""
+_PLAIN = frozenset({str, float})
 _DEEPEST = 5  # parts within parts, as odom.pose.pose.position
 _LONGEST_NAME = 100  # characters of a frame that are kept
-_PARTS: dict[type, tuple[Callable[[Message], Any], ...]] = {}
-"""Readers of the texts, lists and arrays of each class, found with its first message."""
+_PARTS: WeakKeyDictionary[type, tuple[Callable[[Message], Any], ...]] = WeakKeyDictionary()
+"""Readers of the texts, lists and arrays of each class, found with its first message.
+
+Every bag brings classes of its own, which go with its reader.
+"""
 
 
 def message_bytes(message: Message) -> int:
     """Return about how much memory a message takes: its texts, lists and arrays."""
     kind = type(message)
-    if kind not in _PARTS:
-        _PARTS[kind] = tuple(operator.attrgetter(path) for path in _variable_parts(message, 0))
-    return FIXED_PART + sum(_value_bytes(read(message)) for read in _PARTS[kind])
+    parts = _PARTS.get(kind)
+    if parts is None:
+        parts = tuple(operator.attrgetter(path) for path in _variable_parts(message, 0))
+        _PARTS[kind] = parts
+    return FIXED_PART + sum(_value_bytes(read(message)) for read in parts)
 
 
 def _variable_parts(part: object, depth: int) -> Iterator[str]:
@@ -54,9 +61,9 @@ def _value_bytes(value: Any) -> int:  # noqa: ANN401 - any part of a message
     if isinstance(value, np.ndarray):
         return value.nbytes
     if isinstance(value, list | tuple):
-        return sys.getsizeof(value) + sum(
-            sys.getsizeof(each) if isinstance(each, str | float) else FIXED_PART for each in value
-        )
+        if _PLAIN.issuperset(map(type, value)):
+            return sys.getsizeof(value) + sum(map(sys.getsizeof, value))
+        return sys.getsizeof(value) + FIXED_PART * len(value)
     return sys.getsizeof(value)
 
 
@@ -75,16 +82,20 @@ class Oversized:
     sinkage: Floats = field(default_factory=lambda: np.empty(0))
 
 
-def bounded(topic: str, message: Message, most_names: int) -> Message | Oversized:
-    """Return a message, or its stand-in where it is too large or names too many wheels."""
+def bounded(topic: str, message: Message, most_names: int) -> tuple[Message | Oversized, int]:
+    """Return a message, or its stand-in where it is too large or names too many wheels.
+
+    With it goes the number of bytes of what is returned.
+    """
     names = len(getattr(message, "wheel", ()))
     size = message_bytes(message)
     if names <= most_names and size <= LARGEST_MESSAGE:
-        return message
+        return message, size
     found = f"{names} wheels" if names > most_names else f"{size / 1e6:.3g} MB"
     header = message.header
-    return Oversized(
+    stand_in = Oversized(
         SimpleNamespace(stamp=header.stamp, frame_id=header.frame_id[:_LONGEST_NAME]),
         getattr(message, "sequence", None),
         f"{topic}: a message with {found} is left out",
     )
+    return stand_in, message_bytes(stand_in)

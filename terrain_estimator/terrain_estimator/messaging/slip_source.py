@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Slip of every wheel from its rate and the rover's velocity, with its standard deviation.
 
-i = 1 - v / (r w) (:func:`terramechanics.vehicle.equilibrium.slip_at`), so to first order sd(i)^2 =
+i = 1 - v / (r w) (:func:`terramechanics.vehicle.rover.Rover.slip`), so to first order sd(i)^2 =
 n (sd(v) / (r w))^2 + (1 - i)^2 (n (sd(r) / r)^2 + (sd(w) / w)^2), where n is the number of turning
 wheels of the same axle.
+
+With a track width v is that of each wheel's centre, v_x -+ yaw rate times half the width.
 
 All wheels share the errors of v and of the rover file's r. The estimator treats wheels as
 independent and so divides these errors by sqrt(n) in the mean of an axle; the factor n cancels
@@ -16,14 +18,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.slip_source import SlipSourceConfig
 from terrain_estimator.messaging.pairing import InputTopic, MessageSet, Synchronizer
 from terrain_estimator.observation import Floats
 from terrain_estimator.topics import BODY_FRAME, Make, Message, stamp_ns
-from terramechanics.vehicle.equilibrium import slip_at
 from terramechanics.vehicle.rover import Rover
 
 ODOMETRY = "odometry"
@@ -33,6 +33,7 @@ VELOCITY_TYPES = {
 }
 """Message types of a velocity; both hold it in twist.twist.linear.x."""
 JOINTS, VELOCITY = "joint_states", "velocity"
+YAW_IN_TWIST = 35  # (5, 5) of a 6 x 6 covariance, row-major: rotation about z
 TWICE = (
     "velocity comes from the estimator's own input odom: its noise would enter slip and velocity"
     " alike, which the estimator treats as independent. Give velocity another source"
@@ -67,6 +68,7 @@ class SlipSource:
                 f" {', '.join(VELOCITY_TYPES)}"
             )
         self._rover, self._config = rover, config
+        self._sides = np.array([1.0 if wheel.side == "left" else -1.0 for wheel in rover.wheels])
         topics = (InputTopic(JOINTS, required=True), InputTopic(VELOCITY, required=True))
         self._synchronizer = Synchronizer(topics, round(config.tolerance_s * 1e9))
         self._sequence = 0
@@ -126,7 +128,20 @@ class SlipSource:
                 f"velocity {speed:g} m/s with variance {variance:g} (twist.covariance[0]) cannot be"
                 " used: publish a variance above zero, or set default_sd.velocity"
             )
-        return slips_of(self._rover, self._rates(joints), speed, deviation, self._config)
+        rates = self._rates(joints)
+        if not self._config.track_width:
+            return slips_of(self._rover, rates, speed, deviation, self._config)
+        yaw_rate = float(velocity.twist.twist.angular.z)
+        yaw_variance = float(velocity.twist.covariance[YAW_IN_TWIST])
+        if not (math.isfinite(yaw_rate) and math.isfinite(yaw_variance)):
+            raise SlipSourceError(
+                f"yaw rate {yaw_rate:g} rad/s with variance {yaw_variance:g} cannot be used:"
+                " correct twist.twist.angular.z and twist.covariance[35], or set track_width to 0"
+            )
+        left = 0.5 * self._config.track_width * self._sides
+        spread = np.abs(left) * math.sqrt(max(yaw_variance, 0.0))
+        speeds, deviations = speed - yaw_rate * left, np.hypot(deviation, spread)
+        return slips_of(self._rover, rates, speeds, deviations, self._config)
 
     def _rates(self, joints: Message) -> Floats:
         rates = dict(zip(joints.name, joints.velocity, strict=False))
@@ -140,23 +155,29 @@ class SlipSource:
 
 
 def slips_of(
-    rover: Rover, rates: Floats, speed: float, speed_sd: float, config: SlipSourceConfig
+    rover: Rover,
+    rates: Floats,
+    speed: float | Floats,
+    speed_sd: float | Floats,
+    config: SlipSourceConfig,
 ) -> Slips:
-    """Return the slips at wheel rates ``rates`` [wheels] [rad/s] and body-x ``speed`` [m/s]."""
+    """Return the slips at wheel rates ``rates`` [wheels] [rad/s].
+
+    ``speed`` [m/s] is that along body x, of the rover or of each wheel's centre [wheels].
+    """
     turns = (
         np.isfinite(rates)
         & (rates != 0.0)
         & (np.abs(rates) * rover.wheel_radius >= config.standstill_speed)
     )
-    rate = torch.from_numpy(np.where(turns, rates, 1.0)).unsqueeze(0)
-    slip, at_rest, at_unit = (
-        slip_at(rover, torch.tensor([v], dtype=torch.float64), rate)[0].numpy()
-        for v in (speed, 0.0, 1.0)
-    )
-    by_rate = config.rate_sd / np.abs(rate[0].numpy())
+    rate = np.where(turns, rates, 1.0)
+    by_rate = config.rate_sd / np.abs(rate)
     axle = np.array(rover.wheel_axle)
     shared = np.sqrt([np.count_nonzero(turns & (axle == each)) for each in axle])
     with np.errstate(over="ignore", invalid="ignore"):
+        slip, at_rest, at_unit = (
+            rover.slip(np.full_like(rate, velocity), rate) for velocity in (speed, 0.0, 1.0)
+        )
         # hypot: the square of a deviation overflows long before the deviation does
         deviation = np.hypot(
             shared * speed_sd * (at_rest - at_unit),

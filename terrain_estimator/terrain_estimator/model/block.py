@@ -8,7 +8,8 @@ import torch
 from torch import Tensor, nn
 
 from terrain_estimator.model.gaussian import cholesky, log_determinant, symmetrize
-from terrain_estimator.model.rows import Rows, row_names
+from terrain_estimator.model.row_names import row_names
+from terrain_estimator.model.rows import Rows
 
 
 class Posterior(NamedTuple):
@@ -244,7 +245,9 @@ def without_apparent(
     corrected. The rest adds N_ab = tr S^-1 (G_a G_b' - G_a G' S^-1 G G_b') to J' S^-1 J on
     average, also where the columns are nothing but noise: the second derivative of the sum has it
     with the other sign, Gauss and Newton's approximation leaves it out (Nakamura 1990, corrected
-    scores).
+    scores). S is that before the step, so N is indefinite where a step is long. What it takes off
+    is bounded there, too: the root of the sum of the squared eigenvalues of C N is at least the
+    largest, with C the covariance of (c, tan phi).
     """
     hypotheses, size, q = step.mean.shape[0], step.mean.shape[1], rows.target.shape[0]
     theta = nn.functional.pad(step.mean.narrow(1, 0, 2), [0, 1], value=1.0)
@@ -260,8 +263,10 @@ def without_apparent(
     apparent = symmetrize(whole - (told.unsqueeze(2) * half.unsqueeze(1)).sum((-1, -2)))
     directions = torch.eye(size, 2, dtype=theta.dtype).expand(hypotheses, size, 2)
     covariance = torch.cholesky_solve(directions, step.factor).narrow(1, 0, 2)
-    share = (covariance * apparent).sum(
-        (-1, -2)
+    product = covariance @ apparent
+    share = torch.maximum(
+        (covariance * apparent).sum((-1, -2)),
+        (product * product.transpose(1, 2)).sum((-1, -2)).sqrt(),
     )  # at least the largest part of the variance that it takes off in any direction
     apparent = apparent * (most / share.clamp(min=most)).view(-1, 1, 1)
     precision = step.precision - nn.functional.pad(apparent, [0, size - 2, 0, size - 2])

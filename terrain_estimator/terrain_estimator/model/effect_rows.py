@@ -17,6 +17,8 @@ from terrain_estimator.model import packing
 from terrain_estimator.model.packing import view_of, with_pitch, with_sinkage, with_slip_and_sd
 from terrain_estimator.model.rows import (
     ContactModel,
+    Forces,
+    Frame,
     Rows,
     frame_of,
     measured_forces,
@@ -26,6 +28,8 @@ from terrain_estimator.model.rows import (
     varied_inputs,
     with_body,
 )
+from terramechanics.contact.ruts import REBOUND, ruts_now
+from terramechanics.contact.scm import Rut
 from terramechanics.contact.stresses import wheel_forces
 from terramechanics.effects.law import Law, Readings, with_torque
 from terramechanics.simulation.plant import ContactInputs
@@ -39,6 +43,7 @@ class Observed(NamedTuple):
     wheel_rate: Tensor  # [n, A] [rad/s]
     slip_rate: Tensor | None = None  # [n, A] [1/s], where the neighbours in time are there
     sinkage_rate: Tensor | None = None  # [n, A] [m/s], likewise
+    rut: Rut | None = None  # [n, A] below each wheel, where the past is known
 
 
 def readings_of(observed: Observed) -> Readings:
@@ -89,7 +94,10 @@ class EffectRows(nn.Module):
         super().__init__()
         self.laws = cast("list[Law]", nn.ModuleList(laws))
         self.counts, self.mass = [law.count for law in laws], mass_kg
+        self.rebound = REBOUND
         self.integrals = StressIntegrals() if integrals is None else integrals
+        own = bool(getattr(self.integrals, "keeps_ruts", False))
+        self.keeps_ruts = own or any(law.keeps_ruts for law in laws)
 
     def size_moments(self, mean: Tensor, variance: Tensor) -> Tensor:
         """Return mean and variance [J, 2] of every size from those of the values [V]."""
@@ -119,7 +127,9 @@ class EffectRows(nn.Module):
                 total = (self.mass + added.mass).clamp(min=0.1 * self.mass)
                 geometry = contact.geometry
                 centre = shifted_centre(geometry.centre, added.moment, total).unsqueeze(1)
-                moved = Geometry(geometry.axle_x, centre, geometry.pivot, geometry.radius)
+                moved = Geometry(
+                    geometry.axle_x, centre, geometry.pivot, geometry.carried, geometry.radius
+                )
                 contact = with_body(contact, moved, contact.body_scale * self.mass / total)
         return contact
 
@@ -131,6 +141,8 @@ class EffectRows(nn.Module):
         for k, law in enumerate(self.laws):
             inputs = law.contact(inputs, own[k], wheel_rate)
         forces = self.integrals(inputs, contact)
+        for k, law in enumerate(self.laws):
+            forces = law.stresses(forces, inputs, own[k])
         traction, torque = torch.zeros_like(inputs.slip), torch.zeros_like(inputs.slip)
         for k, law in enumerate(self.laws):
             added = law.added_force(inputs, own[k])
@@ -138,6 +150,41 @@ class EffectRows(nn.Module):
                 traction, torque = traction + added.traction, torque + added.torque
         sums = torch.stack([torch.zeros_like(traction), traction, torque], -1)
         return torch.cat([forces[..., :2], (forces[..., 2] + sums).unsqueeze(-1)], -1)
+
+    def ruts(
+        self, slip: Tensor, sinkage: Tensor, known: Rut | None, contact: ContactModel
+    ) -> Rut | None:
+        """Return the ruts [n, A] below the wheels where a law needs them, else None.
+
+        Where the past is not known, they are as if the wheels before had always rolled as now.
+        """
+        if not self.keeps_ruts:
+            return None
+        if known is not None:
+            return known
+        return ruts_now(slip, sinkage, contact.radius, torch.full_like(sinkage, self.rebound))
+
+    def measured(
+        self,
+        observed: Observed,
+        input_correction: Tensor,
+        contact: ContactModel,
+        values: Tensor,
+        strength: Tensor,
+        doubt: Tensor | None = None,
+    ) -> tuple[Frame, Forces]:
+        """Return the frame of observations and the forces of their rows, see :meth:`rows`."""
+        packed, loaded = self.corrected(observed, values), self.loaded(contact, values)
+        frame = frame_of(packed, loaded)
+        point = places(packed + input_correction, frame, loaded)
+        varied = varied_inputs(point, loaded)
+        inputs = ContactInputs(
+            varied.slip, varied.sinkage, varied.constants, strength.view(1, 1, 2), None, None,
+            self.ruts(point.slip, point.sinkage, observed.rut, loaded),
+        )  # fmt: skip
+        forces = self.forces(inputs, observed.wheel_rate, loaded, values)
+        read = read_forces(forces, varied.scale, loaded, doubt)
+        return frame, measured_forces(frame, point, read)
 
     def rows(
         self,
@@ -153,13 +200,5 @@ class EffectRows(nn.Module):
         ``input_correction`` [n, P] leads from the inputs without the effects to those; ``doubt`` is
         that of :class:`Agreement`. ``strength`` [2] is c [Pa] and tan phi, for laws that need it.
         """
-        packed, loaded = self.corrected(observed, values), self.loaded(contact, values)
-        frame = frame_of(packed, loaded)
-        point = places(packed + input_correction, frame, loaded)
-        varied = varied_inputs(point, loaded)
-        inputs = ContactInputs(
-            varied.slip, varied.sinkage, varied.constants, strength.view(1, 1, 2)
-        )
-        forces = self.forces(inputs, observed.wheel_rate, loaded, values)
-        read = read_forces(forces, varied.scale, loaded, doubt)
-        return rows_of_forces(frame, measured_forces(frame, point, read))
+        frame, forces = self.measured(observed, input_correction, contact, values, strength, doubt)
+        return rows_of_forces(frame, forces)

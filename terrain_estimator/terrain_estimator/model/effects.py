@@ -13,6 +13,10 @@ NOT_ONLINE = {
         "the true slip of its wheels depends on c and tan phi; leave the axle's slip out (NaN)"
         " instead"
     ),
+    "contact_law_scm": (
+        "at one instant its ruts and the slip of wheels that hardly slip are too uncertain; train a"
+        " model on a soil file with law: scm instead"
+    ),
     "lateral_bulldozing": "it acts sideways, which a planar rover does not show",
 }
 """Effects that cannot be estimated online: the reason, and what to do instead."""

@@ -1,71 +1,23 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""One observation as one flat tensor, which the exported model takes, and the named view of it.
+"""The named view of packed observations, as tensors.
 
-With W wheels the layout is eight groups of W values, then the scalars (with the W wheel rates where
-a model takes them), all SI and float64, NaN for "not measured". One tensor instead of sixteen keeps
-the call of the exported model cheap, and its layout is part of the model file. One value stands for
-the wheels of an axle, so W is the number of axles. No other module knows a place in the layout:
-:func:`view_of` names the parts, and the functions below it replace them.
+No other module knows a place in the layout of ``packed_observation``: :func:`view_of` names the
+parts, and the functions below it replace them.
 """
 
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from terrain_estimator.observation import Floats, Observation
+from terrain_estimator.model.packed_observation import (
+    GROUPS,
+    MEASURED,
+    PACKED_WHEEL_FIELDS,
+    TIMING,
+)
 from terramechanics.simulation.sample import TIME_STEP, Measurement
-
-PACKED_WHEEL_FIELDS = (
-    "slip",
-    "slip_sd",
-    "sinkage",
-    "sinkage_sd",
-    "contact_angle",
-    "contact_angle_sd",
-    "torque",
-    "torque_sd",
-)
-"""Groups of one value per wheel, front to rear; units as in Observation."""
-
-PACKED_SCALAR_FIELDS = (
-    "velocity",
-    "velocity_sd",
-    "pitch",
-    "pitch_sd",
-    "acceleration",
-    "acceleration_sd",
-    "bogie_angle",
-    "step",
-    "linked",
-)
-"""The scalars, of which two are about the time.
-
-``step`` [s] is the time since the observation before; ``linked`` is 1 where that one was used and
-the step is short.
-"""
-
-GROUPS = len(PACKED_WHEEL_FIELDS)
-"""Number of values per wheel, without its rate."""
-MEASURED = PACKED_SCALAR_FIELDS.index("step")
-"""Number of measured scalars; behind them stand the wheel rates, where a model takes them."""
-TIMING = len(PACKED_SCALAR_FIELDS) - MEASURED
-"""Number of scalars about the time, which stand last."""
-BLOCK = 10
-"""Observations in a block: one second at 10 Hz."""
-
-
-def scalar_fields(wheels: int, *, rates: bool) -> tuple[str, ...]:
-    """Return the scalars of a model; ``rates`` puts the wheel rates [rad/s] before ``step``."""
-    turning = tuple(f"wheel_rate_{wheel}" for wheel in range(wheels)) if rates else ()
-    return (*PACKED_SCALAR_FIELDS[:MEASURED], *turning, *PACKED_SCALAR_FIELDS[MEASURED:])
-
-
-def packed_size(wheels: int, *, rates: bool = False) -> int:
-    """Return the length P of a packed observation."""
-    return GROUPS * wheels + len(scalar_fields(wheels, rates=rates))
 
 
 class PackedView(NamedTuple):
@@ -167,6 +119,24 @@ def with_torque(packed: Tensor, torque: Tensor) -> Tensor:
     return replaced(packed, 6 * torque.shape[-1], torque)
 
 
+def with_torque_and_sd(packed: Tensor, torque: Tensor, torque_sd: Tensor) -> Tensor:
+    """Return packed observations [..., P] with another torque and its deviation, [..., W] each."""
+    return replaced(packed, 6 * torque.shape[-1], torch.cat([torque, torque_sd], -1))
+
+
+def with_acceleration_and_sd(
+    packed: Tensor, acceleration: Tensor, acceleration_sd: Tensor, wheels: int
+) -> Tensor:
+    """Return packed observations [..., P] with another acceleration and its deviation, [...]."""
+    values = torch.stack([acceleration, acceleration_sd], -1)
+    return replaced(packed, GROUPS * wheels + 4, values)
+
+
+def with_bogie_angle(packed: Tensor, angle: Tensor, wheels: int) -> Tensor:
+    """Return packed observations [..., P] with another bogie ``angle`` [...] [rad]."""
+    return replaced(packed, GROUPS * wheels + 6, angle.unsqueeze(-1))
+
+
 def with_pitch(packed: Tensor, pitch: Tensor, wheels: int, groups: int = GROUPS) -> Tensor:
     """Return packed observations [..., P] with another ``pitch`` [...] [rad]."""
     return replaced(packed, groups * wheels + 2, pitch.unsqueeze(-1))
@@ -187,64 +157,6 @@ def without_link(packed: Tensor, timing: int = TIMING) -> Tensor:
     """Return packed observations [..., P] that cover no time and are not linked."""
     place = packed.shape[-1] - timing
     return torch.cat([packed[..., :place], torch.zeros_like(packed[..., place:])], -1)
-
-
-LONGEST_GAP = 2.5
-"""[steps] A longer time between two observations breaks the link between their velocities."""
-
-
-def link(stamp_ns: int, last: Observation | None, step_s: float) -> tuple[float, bool]:
-    """Return the time since the observation ``last``, and whether its velocity carries over.
-
-    ``last`` is the last one that entered. The time is ``step_s`` where there is none.
-    """
-    if last is None:
-        return step_s, False
-    passed_s = (stamp_ns - last.stamp_ns) * 1e-9
-    return passed_s, passed_s <= LONGEST_GAP * step_s
-
-
-def ground_torque(
-    observation: Observation, last: Observation | None, inertia: float, passed_s: float
-) -> Floats:
-    """Return the torque on the ground [axles]: the motor's less I dw/dt (Banerjee et al. eq. 6).
-
-    It is the motor's where ``last`` is None.
-    """
-    if last is None or inertia == 0.0:
-        return observation.torque
-    return observation.torque - (observation.wheel_rate - last.wheel_rate) * (inertia / passed_s)
-
-
-def pack(
-    observation: Observation, torque: Floats, step_s: float, *, linked: bool, rates: bool = False
-) -> Tensor:
-    """Return the observation as a float64 tensor of shape [packed_size(axles, rates=rates)].
-
-    ``torque`` [axles] is the observation's, [N m], less what turns the wheel's own inertia
-    (docs/method.md, rows). A model that takes the wheel rates too cannot use a wheel whose rate is
-    not known.
-    """
-    known = (
-        np.where(np.isfinite(observation.wheel_rate), observation.slip, np.nan)
-        if rates
-        else observation.slip
-    )
-    taken = {"slip": known, "torque": torque}
-    groups = (taken.get(name, getattr(observation, name)) for name in PACKED_WHEEL_FIELDS)
-    scalars = (
-        observation.velocity,
-        observation.velocity_sd,
-        observation.pitch,
-        observation.pitch_sd,
-        observation.acceleration,
-        observation.acceleration_sd,
-        observation.bogie_angle,
-        *(observation.wheel_rate.tolist() if rates else ()),
-        step_s,
-        1.0 if linked else 0.0,
-    )
-    return torch.from_numpy(np.concatenate((*groups, scalars)))
 
 
 def pack_measurement(measurement: Measurement) -> Tensor:

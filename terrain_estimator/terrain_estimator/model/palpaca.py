@@ -41,19 +41,14 @@ from terrain_estimator.model.gaussian import mixture, project
 from terrain_estimator.model.hypotheses import Hypotheses
 from terrain_estimator.model.innovation import Misses, misses
 from terrain_estimator.model.net import NetFeatures
-from terrain_estimator.model.packing import (
-    BLOCK,
-    PackedView,
-    packed_size,
-    view_of,
-    with_slip,
-    without_link,
-)
+from terrain_estimator.model.packed_observation import BLOCK, packed_size
+from terrain_estimator.model.packing import PackedView, view_of, with_slip, without_link
 from terrain_estimator.model.parameters import ParameterLayout, parameter_layout
 from terrain_estimator.model.physics import Physics, SoilRows
+from terrain_estimator.model.physics_by_law import PhysicsByLaw
 from terrain_estimator.model.physics_with_effects import PhysicsWithEffects
 from terrain_estimator.model.prior import Prior
-from terrain_estimator.model.rows import row_names
+from terrain_estimator.model.row_names import row_names
 from terrain_estimator.model.velocity import Motion, VelocityFilter
 from terramechanics.simulation.sample import TIME_STEP
 
@@ -77,7 +72,7 @@ class PAlpaca(nn.Module):
     every_row: Tensor
 
     def __init__(
-        self, physics: Physics | PhysicsWithEffects, net: NetFeatures, prior: Prior
+        self, physics: Physics | PhysicsByLaw | PhysicsWithEffects, net: NetFeatures, prior: Prior
     ) -> None:
         """Compose the model; ``prior`` has the deviation of soil constants that ``physics`` has."""
         super().__init__()

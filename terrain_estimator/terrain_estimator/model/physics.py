@@ -10,7 +10,6 @@ from torch import Tensor, nn
 from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.block import LINK_VARIANCE, BlockRows, block_rows, fixed_columns
 from terrain_estimator.model.packing import PackedView, view_of
-from terrain_estimator.model.prior import RoverBody, uncertain_constants
 from terrain_estimator.model.rows import (
     MOMENT_VARIANCE,
     PA_PER_UNIT,
@@ -23,7 +22,40 @@ from terrain_estimator.model.rows import (
 )
 from terrain_estimator.model.stencil import Stencil, stencil
 from terramechanics.contact.stresses import in_range, quadrature
+from terramechanics.terrain.soil import CONSTANTS
 from terramechanics.vehicle.suspension import Geometry
+
+UNCERTAIN = ("n", "k_phi", "shear_modulus", "c1", "c2")
+"""Soil constants that can be parameters.
+
+k_c acts through the stiffness k_c / b + k_phi alone, so k_phi carries both.
+"""
+GEOMETRY = ("axle_x", "centre", "pivot", "carried")
+"""Names of the tensors of a model that the rover file gives."""
+
+
+def uncertain_constants(constants: Tensor, relative_sd: float, width: float) -> Tensor:
+    """Return prior deviations [K, M, 6] of the constants UNCERTAIN of K soils [K, 6].
+
+    Each of the six is known to ``relative_sd`` [1]. M = 0 where that is zero.
+    """
+    if relative_sd == 0.0:
+        return torch.zeros(constants.shape[0], 0, 6, dtype=torch.float64)
+    sd = relative_sd * constants
+    sd[:, 2] = torch.hypot(sd[:, 1] / width, sd[:, 2])
+    return torch.diag_embed(sd)[:, [CONSTANTS.index(name) for name in UNCERTAIN]]
+
+
+class RoverBody(NamedTuple):
+    """The numbers of a rover that the rows need."""
+
+    axles: int
+    wheels_per_axle: int
+    mass_kg: float
+    gravity: float  # [m/s^2]
+    radius_m: float
+    width_m: float
+    geometry: Geometry
 
 
 class SoilRows(NamedTuple):
@@ -49,13 +81,14 @@ class Physics(nn.Module):
     axle_x: Tensor
     centre: Tensor
     pivot: Tensor
+    carried: Tensor
     fixed_columns: Tensor
     column_unit: Tensor
 
     def __init__(self, body: RoverBody, constants: Tensor, constants_sd: float) -> None:
         """Take a rover and the constants [K, 6] of the K soils that the model knows.
 
-        They are in the order of terramechanics.contact.stresses.CONSTANTS. Where ``constants_sd``
+        They are in the order of terramechanics.terrain.soil.CONSTANTS. Where ``constants_sd``
         [1] is above 0 each is a parameter of the posterior, in prior deviations.
         """
         super().__init__()
@@ -84,13 +117,13 @@ class Physics(nn.Module):
         by_mass = body.wheels_per_axle / body.mass_kg
         by_weight = body.wheels_per_axle / (body.mass_kg * body.gravity)
         wheelbase = float(body.geometry.axle_x[0] - body.geometry.axle_x[-1])
-        by_moment = by_weight / wheelbase
-        scale = torch.tensor([by_mass, by_weight, by_moment, by_moment], dtype=torch.float64)
+        moments = [by_weight / wheelbase] * (1 + body.geometry.carried.shape[0])
+        scale = torch.tensor([by_mass, by_weight, *moments], dtype=torch.float64)
         self.register_buffer("body_scale", scale)
         self.register_buffer("fixed_columns", fixed_columns(body.axles, wheelbase))
         wheel = [0.1, 0.01, 0.01 * body.radius_m, 1e-3 * body.radius_m, 0.0, 0.0, 0.0, 0.0]
         self.register_buffer("stand_in", torch.tensor(wheel, dtype=torch.float64).unsqueeze(1))
-        for name in ("axle_x", "centre", "pivot"):
+        for name in GEOMETRY:
             self.register_buffer(name, getattr(body.geometry, name))
 
     def contact(self, soil: int, deviations: Tensor) -> ContactModel:
@@ -105,7 +138,7 @@ class Physics(nn.Module):
         differences = Stencil(
             self.stencil_moves, self.stencil_constants, self.stencil_weights, self.stencil_curvature
         )
-        geometry = Geometry(self.axle_x, self.centre, self.pivot, self.radius)
+        geometry = Geometry(self.axle_x, self.centre, self.pivot, self.carried, self.radius)
         return ContactModel(
             constants, varied, differences, self.nodes, self.column_unit, geometry,
             self.body_scale, self.moment_variance, self.stand_in, self.gravity, self.radius,

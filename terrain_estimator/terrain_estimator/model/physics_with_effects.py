@@ -14,6 +14,7 @@ from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.effect_rows import EffectRows, Observed
 from terrain_estimator.model.packing import PackedView, view_of
 from terrain_estimator.model.physics import Physics, SoilRows
+from terrain_estimator.model.physics_by_law import PhysicsByLaw
 from terrain_estimator.model.rows import ContactModel, Rows, values_alone
 from terramechanics.simulation.plant import ContactInputs
 from terramechanics.vehicle.suspension import along_body
@@ -170,7 +171,10 @@ class PhysicsWithEffects(nn.Module):
         plain = view_of(self.effect_rows.corrected(observed, values), self.axles)
         contact = self.nominal.contact_of(constants, varied)
         # No law of a model depends on c and tan phi.
-        inputs = ContactInputs(plain.slip, plain.sinkage, sets, torch.zeros_like(sets[..., :2]))
+        ruts = self.effect_rows.ruts(plain.slip, plain.sinkage, None, contact)
+        inputs = ContactInputs(
+            plain.slip, plain.sinkage, sets, torch.zeros_like(sets[..., :2]), None, None, ruts
+        )
         forces = self.effect_rows.forces(inputs, before.wheel_rate, contact, values)
         forces = forces * self.nominal.column_unit
         along = along_body(plain.contact_angle).unsqueeze(-1)
@@ -181,9 +185,9 @@ class PhysicsWithEffects(nn.Module):
         return torch.cat([row[:1], 1e3 * (row[1:] - row[0])])
 
 
-def nominal_of(physics: Physics | PhysicsWithEffects) -> Physics:
-    """Return the physics without named effects."""
-    return physics.nominal if isinstance(physics, PhysicsWithEffects) else physics
+def nominal_of(physics: Physics | PhysicsByLaw | PhysicsWithEffects) -> Physics:
+    """Return the physics of rover and soils, without named effects and another contact law."""
+    return physics if isinstance(physics, Physics) else physics.nominal
 
 
 def with_changes(rows: Rows, varied: Rows) -> Rows:

@@ -3,26 +3,8 @@
 """The knowledge before any measurement: the rover, the spread of ground and of soil constants."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
-
-import torch
-from torch import Tensor
 
 from rover_parameters.records import number
-from terramechanics.contact.stresses import CONSTANTS
-from terramechanics.vehicle.suspension import Geometry
-
-
-class RoverBody(NamedTuple):
-    """The numbers of a rover that the rows need."""
-
-    axles: int
-    wheels_per_axle: int
-    mass_kg: float
-    gravity: float  # [m/s^2]
-    radius_m: float
-    width_m: float
-    geometry: Geometry
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,21 +49,3 @@ DEFAULT_PRIOR = Prior(
 Mean and deviation of the benchmarks' draws: c uniform in 0.5 to 5 kPa, phi in 15 to 45 deg,
 constants within 5 %.
 """
-
-UNCERTAIN = ("n", "k_phi", "shear_modulus", "c1", "c2")
-"""Soil constants that can be parameters.
-
-k_c acts through the stiffness k_c / b + k_phi alone, so k_phi carries both.
-"""
-
-
-def uncertain_constants(constants: Tensor, relative_sd: float, width: float) -> Tensor:
-    """Return prior deviations [K, M, 6] of the constants UNCERTAIN of K soils [K, 6].
-
-    Each of the six is known to ``relative_sd`` [1]. M = 0 where that is zero.
-    """
-    if relative_sd == 0.0:
-        return torch.zeros(constants.shape[0], 0, 6, dtype=torch.float64)
-    sd = relative_sd * constants
-    sd[:, 2] = torch.hypot(sd[:, 1] / width, sd[:, 2])
-    return torch.diag_embed(sd)[:, [CONSTANTS.index(name) for name in UNCERTAIN]]

@@ -10,10 +10,11 @@ pitch)::
     2..A+1  torque_k         = M_k                                            [N m]
     A+2     acceleration     = SUM_k p (T_k cos al_k - N_k sin al_k) / m      [m/s^2]
     A+3     0                = moment of the rover about its centre of mass / (m g b)  [1]
-    A+4     0                = moment of the bogie about its pivot / (m g b)           [1]
+    A+4..   0                = moment of a joint about its pivot / (m g b), J rows     [1]
 
 They are the longitudinal balance, the balance normal to the body, the drive torque of one wheel,
-the specific force of the imu, and two moments; b is the wheelbase.
+the specific force of the imu, and the moments of rover and joints; b is the wheelbase. A rover
+without a joint ends at A+3.
 
 (Banerjee et al. eqs. 1, 15 and 17 with gravity along the slope; Iagnemma et al. 2004 for the
 torque; the moments are those of terramechanics.vehicle.suspension.) The load and moment rows need
@@ -60,7 +61,7 @@ It covers the friction of the joints and a rolling wheel's own inertia.
 
 
 class Rows(NamedTuple):
-    """The rows of n observations: R = A + 5 rows, E = 3 A + 1 sources of noise.
+    """The rows of n observations: R = A + 4 + J rows for J joints, E = 3 A + 1 sources of noise.
 
     Each source is of unit variance. The leading C = 1 + M: first the values, then their change for
     one prior deviation of each uncertain soil constant.
@@ -74,18 +75,6 @@ class Rows(NamedTuple):
     used: Tensor  # [n, R] 1 where the row holds, else 0
 
 
-def row_names(axles: int) -> tuple[str, ...]:
-    """Return the names of the rows, in their order."""
-    return (
-        "velocity",
-        "load",
-        *(f"torque_{k}" for k in range(axles)),
-        "acceleration",
-        "moment",
-        "bogie_moment",
-    )
-
-
 class ContactModel(NamedTuple):
     """The numbers of rover and soil that the rows need."""
 
@@ -96,7 +85,8 @@ class ContactModel(NamedTuple):
     nodes: Tensor  # of terramechanics.contact.stresses.quadrature
     column_unit: Tensor  # [3] Pa per kPa, 1, 1
     geometry: Geometry
-    body_scale: Tensor  # [4] or [n, 4] p / m [1/kg], p / (m g) [1/N], twice p / (m g b) [1/(N m)]
+    # [3 + J] or [n, 3 + J] p / m [1/kg], p / (m g) [1/N], then p / (m g b) [1/(N m)]
+    body_scale: Tensor
     moment_variance: float  # [1] of the moment rows themselves
     stand_in: Tensor  # [8, 1] harmless values of the packed groups, for a wheel that is not usable
     gravity: float  # [m/s^2]
@@ -258,8 +248,9 @@ def frame_of(packed: Tensor, contact: ContactModel) -> Frame:
     usable = usable_wheels(packed, contact)
     view = view_of(with_stand_in(packed, usable, contact.stand_in), axles)
     known, every = torch.isfinite(view.bogie_angle), usable.all(1, keepdim=True)
-    carried = every & known.unsqueeze(1)
-    bogie = torch.where(known, view.bogie_angle, 0.0)
+    joints = contact.geometry.carried.shape[0]
+    placed = (every & known.unsqueeze(1)).expand(-1, 1 + joints)
+    angle = torch.where(known, view.bogie_angle, 0.0).unsqueeze(1).narrow(1, 0, joints)
 
     sine, cosine = torch.sin(view.pitch), torch.cos(view.pitch)
     balance = torch.stack([contact.gravity * sine, cosine], 1)
@@ -271,20 +262,21 @@ def frame_of(packed: Tensor, contact: ContactModel) -> Frame:
     return Frame(
         measured=view,
         usable=usable,
-        levers=lever_arms(view.contact_angle, view.contact_angle_sd, bogie, contact),
-        tilt=nn.functional.pad(tilt, [0, axles + 3]),
-        target=nn.functional.pad(torch.cat([balance, sensed], 1), [0, 2]),
+        levers=lever_arms(view.contact_angle, view.contact_angle_sd, angle, contact),
+        tilt=nn.functional.pad(tilt, [0, axles + 2 + joints]),
+        target=nn.functional.pad(torch.cat([balance, sensed], 1), [0, 1 + joints]),
         variance=nn.functional.pad(
-            nn.functional.pad(own, [2, 0]), [0, 2], value=contact.moment_variance
+            nn.functional.pad(own, [2, 0]), [0, 1 + joints], value=contact.moment_variance
         ),
-        used=torch.cat([every, every, holds, carried, carried], 1).to(packed.dtype),
+        used=torch.cat([every, every, holds, placed], 1).to(packed.dtype),
     )
 
 
-def lever_arms(angle: Tensor, angle_sd: Tensor, bogie: Tensor, contact: ContactModel) -> Tensor:
+def lever_arms(angle: Tensor, angle_sd: Tensor, joints: Tensor, contact: ContactModel) -> Tensor:
     """Return the effect of N, T, M of each wheel in each row [n, A, 2, R, 3].
 
-    It is at contact angles [n, A]; then follows its change for one deviation of these.
+    It is at contact angles [n, A] and angles of the ``joints`` [n, J] [rad]; then follows its
+    change for one deviation of the contact angles.
     """
     axles = angle.shape[1]
     action = directions(angle)
@@ -293,11 +285,11 @@ def lever_arms(angle: Tensor, angle_sd: Tensor, bogie: Tensor, contact: ContactM
         -1
     ).unsqueeze(-1)
     body = balances(
-        contact.geometry, axle_places(contact.geometry, bogie), torch.stack([action, turned])
+        contact.geometry, axle_places(contact.geometry, joints), torch.stack([action, turned])
     )
     velocity, load, moments = (
         body * contact.body_scale.unsqueeze(-1).unsqueeze(-1)
-    ).split_with_sizes([1, 1, 2], 2)
+    ).split_with_sizes([1, 1, 1 + joints.shape[1]], 2)
     torque = nn.functional.pad(torch.eye(axles, dtype=angle.dtype).unsqueeze(-1), [2, 0])
     torques = (
         torch.stack([torque, torch.zeros_like(torque)])

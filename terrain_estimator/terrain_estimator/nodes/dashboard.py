@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
 from rover_parameters.command_line import run
+from rover_parameters.ending import destroy
 from terrain_estimator.config.dashboard import DashboardConfig
 from terrain_estimator.dashboard.log_limit import limited_log
 from terrain_estimator.dashboard.model import LiveModel
@@ -90,7 +91,7 @@ def main() -> int:
 def _serve(stop: threading.Event) -> int:
     node = Dashboard()
     asyncio.run(node.serve(stop))
-    node.destroy_node()
+    destroy(node)
     return 0
 
 

@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import torch
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
@@ -22,6 +21,7 @@ from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
 from rover_parameters.command_line import run
+from terrain_estimator.compiled.finding import load
 from terrain_estimator.config.estimator import EstimatorNodeConfig
 from terrain_estimator.estimator.saved_state import StateFileError, pack_state
 from terrain_estimator.messaging.averaging import Rate, Treatment
@@ -29,7 +29,6 @@ from terrain_estimator.messaging.diagnostics import REQUIRED, CheckResult
 from terrain_estimator.messaging.health import HealthMonitor
 from terrain_estimator.messaging.messages import health_message
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
-from terrain_estimator.model.model_file import load_model
 from terrain_estimator.nodes.common.inactivity import explain_silence
 from terrain_estimator.nodes.common.lifecycle import ManagedNode, drain
 from terrain_estimator.nodes.common.message_types import make, message_class
@@ -88,15 +87,19 @@ class EstimatorNode(ManagedNode):
 
     def configure(self) -> None:
         """Load the model, warm it up, and restore the saved state where there is one."""
-        model = load_model(self.config.estimator.model)
-        pipeline = Pipeline(model, self.config.estimator)
+        given = self.config.estimator
+        chosen = load(given.model, given.runtime)
+        if chosen.why:
+            self.get_logger().warning(f"the model runs by TorchScript: {chosen.why}")
+        model, config = chosen.model, dataclasses.replace(given, runtime=chosen.runtime)
+        pipeline = Pipeline(model, config)
         path = self._state_path
         if path is not None:
             check_state_path(path)
         state_file = StateFileWriter(path, self.get_logger().error) if path else None
         if path is not None and path.exists() and not restore(pipeline, path, self.get_logger()):
             # a state that is refused may have been restored in part
-            pipeline = Pipeline(model, self.config.estimator)
+            pipeline = Pipeline(model, config)
         self._pipeline, self._health = pipeline, HealthMonitor(self._health.reported_failures)
         self._state_file = state_file
         gc.collect()
@@ -118,8 +121,8 @@ class EstimatorNode(ManagedNode):
         for topic in pipeline.inputs:
             self._subscribe(topic)
         self.get_logger().info(
-            f"ready: model {pipeline.meta.model_id} for rover {pipeline.rover_name}, inputs"
-            f" {', '.join(pipeline.inputs)}"
+            f"ready: model {pipeline.meta.model_id} ({pipeline.runtime}) for rover"
+            f" {pipeline.rover_name}, inputs {', '.join(pipeline.inputs)}"
         )
 
     def deactivate(self) -> None:
@@ -291,7 +294,6 @@ class EstimatorNode(ManagedNode):
 
 def main() -> int:
     """Estimate until SIGINT, SIGTERM or a shutdown; return 0, or 2 for wrong parameters."""
-    torch.set_num_threads(1)
     return run("estimator", "model:=FILE", EstimatorNodeConfig, _serve)
 
 

@@ -3,26 +3,23 @@
 """Run the planner as a node: measurements and estimates in, advice out."""
 
 import sys
+from typing import Any
 
-import torch
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from rover_parameters.command_line import run
-from rover_parameters.records import ConfigError
 from terrain_estimator.config.planner import PlannerConfig
-from terrain_estimator.messaging.pipeline import rover_of
-from terrain_estimator.model.model_file import ModelFileError, load_model
 from terrain_estimator.nodes.common.declare import declare
 from terrain_estimator.nodes.common.inactivity import InactivityMonitor, PairingMonitor
 from terrain_estimator.nodes.common.message_types import make, message_class
 from terrain_estimator.nodes.common.qos import subscribe
 from terrain_estimator.nodes.common.running import LOG_PERIOD_S, guarded, serve
+from terrain_estimator.nodes.common.traction import read_traction
 from terrain_estimator.planning.inputs import PlannerInputs
 from terrain_estimator.planning.messages import advice_message, belief_of_message
 from terrain_estimator.planning.planner import Planner
-from terrain_estimator.planning.table import TractionTable
 from terrain_estimator.topics import (
     ADVICE,
     ESTIMATE,
@@ -39,27 +36,22 @@ QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
 class PlannerNode(Node):
     """Publish advice once a period of the estimates' stamps."""
 
-    def __init__(self) -> None:
-        """Read parameters and model, solve the statics, then subscribe.
+    def __init__(self, **options: Any) -> None:
+        """Read parameters and model, get the statics, then subscribe; ``options`` are rclpy's.
 
         Raises:
             ConfigError: a parameter is unknown or wrong, or the model file is missing, damaged or
                 for another rover.
         """
-        super().__init__("planner", automatically_declare_parameters_from_overrides=True)
-        config = declare(self, PlannerConfig, INPUT_TYPES)
-        try:
-            model = load_model(config.model)
-            rover = rover_of(model, config.rover)
-        except ModelFileError as error:
-            raise ConfigError(str(error)) from error
-        table = TractionTable(rover, model.metadata.soils)
-        self._planner = Planner(
-            table, model.metadata.prior_mean, model.metadata.prior_sd, config.advice
-        )
+        super().__init__("planner", automatically_declare_parameters_from_overrides=True, **options)
+        config = declare(self, PlannerConfig, INPUT_TYPES, arguments=options.get("cli_args"))
+        model, rover, table, solved = read_traction(config.model, config.rover)
+        if solved:
+            self.get_logger().warning(solved)
+        self._planner = Planner(table, model.prior_mean, model.prior_sd, config.advice)
         self._inputs = PlannerInputs(rover, config)
         self._period_ns, self._advised_ns, self._sequence = round(config.period_s * 1e9), 0, 0
-        self._soils = [soil.name for soil in model.metadata.soils]
+        self._soils = [soil.name for soil in model.soils]
         self._model, self._warned = model, False
         self._output = self.create_publisher(message_class(ADVICE), "traction_advice", QOS)
         self.create_service(Trigger, "~/resume", self._resume)
@@ -127,7 +119,6 @@ class PlannerNode(Node):
 
 def main() -> int:
     """Advise until SIGINT or SIGTERM; return 0, or 2 for wrong parameters or a wrong model."""
-    torch.set_num_threads(1)
     return run(
         "planner", "stop_probability:=0.1", PlannerConfig, lambda stop: serve(PlannerNode(), stop)
     )

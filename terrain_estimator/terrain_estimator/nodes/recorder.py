@@ -28,10 +28,11 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, BagTopic, BagWriter
 from terrain_estimator.config.recorder import RecorderConfig
 from terrain_estimator.messaging.diagnostics import DISK, FAILURES, UNRECORDED, CheckResult
+from terrain_estimator.nodes.common.bag_qos import bag_qos
 from terrain_estimator.nodes.common.bag_thread import BagThread
 from terrain_estimator.nodes.common.lifecycle import ManagedNode, drain
 from terrain_estimator.nodes.common.message_types import message_class
-from terrain_estimator.nodes.common.publishers import bag_qos, type_conflicts
+from terrain_estimator.nodes.common.publishers import type_conflicts
 from terrain_estimator.topics import HEALTH, OPTIONAL_TOPICS
 
 QUEUE = 1000  # messages: minutes of a topic at 10 Hz, so a slow disk loses nothing
@@ -89,6 +90,11 @@ class RecorderNode(ManagedNode):
         self._sources, self._adding, self._identities, self._warnings = {}, {}, set(), set()
         self._identity_bytes = 0
         self._waiting, self._refused = list(self._topics), {}
+
+    @property
+    def exit_code(self) -> int:
+        """1 where the disk failed, else 0."""
+        return int(self.disk_failed)
 
     def activate(self) -> None:
         """Look for publishers at intervals, and record them."""
@@ -401,7 +407,7 @@ def main() -> int:
 def _serve(stop: threading.Event) -> int:
     node = RecorderNode(stop)
     node.serve(auto_start=node.config.auto_start)
-    return int(node.disk_failed)
+    return node.exit_code
 
 
 if __name__ == "__main__":

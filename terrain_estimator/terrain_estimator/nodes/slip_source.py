@@ -4,8 +4,8 @@
 
 import sys
 from collections.abc import Iterator
+from typing import Any
 
-import torch
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -36,10 +36,17 @@ QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
 class SlipSourceNode(Node):
     """Publish the slip of all wheels for every pair of wheel rates and velocity."""
 
-    def __init__(self) -> None:
-        """Read the parameters and subscribe. Raises ConfigError where one is wrong."""
-        super().__init__("slip_source", automatically_declare_parameters_from_overrides=True)
-        config = declare(self, SlipSourceConfig, (JOINTS, VELOCITY))
+    def __init__(self, **options: Any) -> None:
+        """Read the parameters and subscribe; ``options`` are rclpy's.
+
+        Raises ConfigError where a parameter is wrong.
+        """
+        super().__init__(
+            "slip_source", automatically_declare_parameters_from_overrides=True, **options
+        )
+        config = declare(
+            self, SlipSourceConfig, (JOINTS, VELOCITY), arguments=options.get("cli_args")
+        )
         rover = load_rover(config.rover)
         self._source = SlipSource(rover, config)
         self._output = self.create_publisher(
@@ -85,7 +92,6 @@ class SlipSourceNode(Node):
 
 def main() -> int:
     """Publish until SIGINT or SIGTERM; return 0, or 2 for wrong parameters."""
-    torch.set_num_threads(1)
     return run(
         "slip_source", "rover:=FILE", SlipSourceConfig, lambda stop: serve(SlipSourceNode(), stop)
     )

@@ -2,19 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work distributed over a dask cluster: a running one by its address, or one on this machine."""
 
+import io
+import itertools
+import logging
 import os
-from collections.abc import Callable, Iterator, Sequence
+import pickle
+import queue
+import uuid
+from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import torch
+from torch import Tensor
+from torch.utils.weak import WeakIdKeyDictionary
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 Item = TypeVar("Item")
-Kept = TypeVar("Kept")
 Result = TypeVar("Result")
 
 
@@ -32,6 +39,8 @@ PATIENCE_S = 20.0
 
 _WORKERS = {
     "distributed.worker.profile.enabled": False,
+    # Ctrl-C in a terminal reaches the workers, too, which the command ends itself
+    "distributed.worker.preload": ["import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)"],
     "distributed.nanny.pre-spawn-environ": {
         "OMP_NUM_THREADS": "1",
         "MKL_NUM_THREADS": "1",
@@ -51,29 +60,119 @@ class ClusterError(ValueError):
     """There is no scheduler or worker, or it was lost; the message gives the remedy."""
 
 
-class Held(Generic[Kept]):
-    """Results that stay on the workers that computed them; lost ones are computed again."""
+class WorkerKilledError(ClusterError):
+    """An item ended several workers."""
 
-    def __init__(self, client: "Client", kept: "Sequence[Future[Kept]]") -> None:
-        """Hold futures on the client's cluster."""
-        self._client, self._kept = client, kept
 
-    def fetch(self) -> Iterator[Kept]:
-        """Return copies of all results in order."""
-        return map(_result, self._kept)
+class Sent:
+    """Tasks on data that goes to the cluster once, and again only where its worker was lost."""
 
-    def chosen(self, numbers: Sequence[int]) -> "Held[Kept]":
-        """Return only these results."""
-        return Held(self._client, [self._kept[number] for number in numbers])
+    def __init__(self, client: "Client") -> None:
+        """Use a client, which must stay open."""
+        self._client = client
+        self._data: dict[int, tuple[object, Future[Any]]] = {}  # by identity, which the data keeps
+        self._tensors: MutableMapping[Tensor, Future[Tensor]] = WeakIdKeyDictionary()
 
-    def __call__(
-        self, function: Callable[[Kept, Item], Result], items: Sequence[Item]
-    ) -> list[Result]:
-        """Return ``function`` of every held result and its item, computed on its worker."""
-        futures = self._client.map(
-            _alone_with, [function] * len(items), self._kept, items, pure=False
-        )
-        return [_result(future) for future in futures]
+    def results(
+        self, tasks: Sequence[Callable[..., Result]], data: Sequence[object] | None = None
+    ) -> Iterator[tuple[int, Result]]:
+        """Yield number and result of every task as they come; each is called with its own data.
+
+        Raises ClusterError, and what a task raised.
+        """
+        ended: queue.Queue[tuple[int, Future[Result]]] = queue.Queue()
+        waiting = set(range(len(tasks)))
+
+        def start(numbers: Iterable[int]) -> None:
+            for number in numbers:
+                future = self._start(tasks[number], [] if data is None else [data[number]])
+                future.add_done_callback(lambda done, number=number: ended.put((number, done)))
+
+        if data is not None:
+            self._send(data)
+        start(sorted(waiting))
+        while waiting:
+            number, future = ended.get()
+            try:
+                result = _result(future)
+            except ClusterError as error:
+                # a task whose data was on a lost worker is cancelled, too
+                if isinstance(error, WorkerKilledError) or not self._connected(error):
+                    raise
+                if data is not None:
+                    self._send(data)
+                start([number])
+                continue
+            waiting.remove(number)
+            future.release()
+            yield number, result
+
+    def _start(self, task: Callable[..., Result], data: Sequence[object]) -> "Future[Result]":
+        packed = io.BytesIO()
+        pickler = _Pickler(packed)
+        pickler.dump(task)
+        parts = [self._part(each) for each in pickler.parts]
+        places = [self._data[id(each)][1] for each in data]
+        return self._client.submit(_with_parts, packed.getvalue(), parts, places, pure=False)
+
+    def _part(self, tensor: Tensor) -> "Future[Tensor]":
+        future = self._tensors.get(tensor)
+        if future is None or future.cancelled():
+            with _reaching_the_scheduler():
+                [future] = self._client.scatter([tensor], hash=False)
+            self._tensors[tensor] = future
+        return future
+
+    def _send(self, data: Sequence[object]) -> None:
+        new = [
+            each
+            for each in data
+            if id(each) not in self._data or self._data[id(each)][1].cancelled()
+        ]
+        if new:
+            with _reaching_the_scheduler():
+                futures = self._client.scatter(new, hash=False)
+            self._data |= {
+                id(each): (each, future) for each, future in zip(new, futures, strict=True)
+            }
+
+    def _connected(self, error: ClusterError) -> bool:
+        return self._client.status == "running" and _LOST not in str(error)
+
+
+_LOST = "scheduler-connection-lost"  # reason of dask
+LARGE = 16_384
+"""[bytes] Size from which a tensor goes to the cluster by itself, once for all tasks."""
+
+
+class _Pickler(pickle.Pickler):
+    """Pickles a task without its large tensors."""
+
+    def __init__(self, file: io.BytesIO) -> None:
+        super().__init__(file)
+        self.parts: list[Tensor] = []
+
+    def persistent_id(self, value: Any) -> int | None:  # noqa: ANN401
+        if isinstance(value, Tensor) and value.nbytes >= LARGE:
+            self.parts.append(value)
+            return len(self.parts) - 1
+        return None
+
+
+class _Unpickler(pickle.Unpickler):  # noqa: S301 (of the client, as all of dask)
+    """Reads a task of the client, which dask would unpickle likewise."""
+
+    parts: Sequence[Tensor] = ()
+
+    def persistent_load(self, number: Any) -> Tensor:  # noqa: ANN401 (as pickle has it)
+        return self.parts[number]
+
+
+def _with_parts(packed: bytes, parts: Sequence[Tensor], data: Sequence[object]) -> Any:  # noqa: ANN401
+    torch.set_num_threads(1)
+    unpickler = _Unpickler(io.BytesIO(packed))
+    unpickler.parts = parts
+    return unpickler.load()(*data)
 
 
 class Cluster:
@@ -82,6 +181,10 @@ class Cluster:
     def __init__(self, client: "Client") -> None:
         """Use a client, which must stay open."""
         self._client = client
+        # the scheduler remembers every group of keys, also one that begins anew when it was empty:
+        # one group, with a task that stays, keeps that from growing
+        self._keys = zip(itertools.repeat(f"item-{uuid.uuid4().hex}"), itertools.count())
+        self._stays: Future[int] | None = None
 
     def __call__(
         self, function: Callable[[Item], Result], items: Sequence[Item]
@@ -91,9 +194,29 @@ class Cluster:
             yield _result(future)
             future.release()
 
-    def hold(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Held[Result]:
-        """Compute the results of all items, and leave them on the workers."""
-        return Held(self._client, self._submitted(function, items))
+    def sent(self) -> Sent:
+        """Return a place for tasks on data that is sent once."""
+        return Sent(self._client)
+
+    @property
+    def threads(self) -> int:
+        """Number of threads of all workers, which may come and go. Raises ClusterError."""
+        with _reaching_the_scheduler():
+            return sum(self._client.nthreads().values())
+
+    def start(self, function: Callable[[Item], Result], item: Item) -> "Future[Result]":
+        """Begin one item; :meth:`result` takes what comes of it."""
+        if self._stays is None:
+            self._stays = self._client.submit(int, key=next(self._keys))
+        return self._client.submit(_alone, function, item, key=next(self._keys), pure=False)
+
+    @staticmethod
+    def result(future: "Future[Result]") -> Result:
+        """Return the result of :meth:`start`.
+
+        Raises ClusterError, and what the function raised.
+        """
+        return _result(future)
 
     def _submitted(
         self, function: Callable[[Item], Result], items: Sequence[Item]
@@ -113,6 +236,8 @@ def cluster(scheduler: str, workers: int | None = None) -> Iterator[Cluster]:
     from dask import config  # noqa: PLC0415
     from distributed import Client, LocalCluster  # noqa: PLC0415
 
+    # it logs at length what a ClusterError says
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     if scheduler:
         try:
             client = Client(scheduler, timeout=PATIENCE_S)
@@ -142,25 +267,29 @@ def cluster(scheduler: str, workers: int | None = None) -> Iterator[Cluster]:
         yield Cluster(client)
 
 
+@contextmanager
+def _reaching_the_scheduler() -> Iterator[None]:
+    try:
+        yield
+    except (CancelledError, OSError) as error:
+        raise ClusterError(f"the scheduler was lost: {error}") from error
+
+
 def _result(future: "Future[Result]") -> Result:
     from distributed import KilledWorker  # noqa: PLC0415 (see above)
 
-    try:
-        return future.result()
-    except KilledWorker as error:
-        raise ClusterError(
-            f"{error} Memory is the usual cause: use fewer workers, or give them more"
-        ) from error
-    except CancelledError as error:
-        raise ClusterError(f"the scheduler was lost: {error}") from error
+    with _reaching_the_scheduler():
+        raised = future.exception()
+        if raised is None:
+            return future.result()
+    if isinstance(raised, KilledWorker):
+        raise WorkerKilledError(
+            f"{raised} Memory is the usual cause: use fewer workers, or give them more"
+        ) from raised
+    raise raised
 
 
 def _alone(function: Callable[[Item], Result], item: Item) -> Result:
     """Apply a function with one thread of torch, so that sums have the same order everywhere."""
     torch.set_num_threads(1)
     return function(item)
-
-
-def _alone_with(function: Callable[[Kept, Item], Result], kept: Kept, item: Item) -> Result:
-    torch.set_num_threads(1)
-    return function(kept, item)

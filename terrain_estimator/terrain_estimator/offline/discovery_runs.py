@@ -1,41 +1,40 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Read the runs of a discovery from bags, with the estimator's own pairing and conversion.
+"""Place where the runs of a discovery are read and evaluated: this process, or a cluster.
 
-The bags are read here, or each on a worker that keeps its run.
+On a cluster every finished piece is on the disk before it counts. A run goes to the cluster once,
+and again only where its worker was lost.
 """
 
-import math
+import multiprocessing
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import cast
+from typing import Any, Protocol
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.bags import BagError, BagReader
-from terrain_estimator.discovery.hypotheses.contributions import Contributions, here
+from terrain_estimator.bags import METADATA_FILE
+from terrain_estimator.discovery.hypotheses.contributions import Contributions, Item, Result, here
 from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.progress import ProgressCallback
-from terrain_estimator.discovery.proof.held_out import long_enough
-from terrain_estimator.discovery.runs import Blocks, RecordedRun, Refusals, RunError, cut, run_of
-from terrain_estimator.messaging.averaging import Averager, averaged
-from terrain_estimator.messaging.conversion import Converter
-from terrain_estimator.messaging.pairing import MessageSet, input_synchronizer
-from terrain_estimator.observation import Observation
+from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.offline.bag_options import BagOptions
-from terrain_estimator.offline.cluster import Cluster, Held, Item, Result, cluster
-from terrain_estimator.offline.topic_mapping import TopicError, check_inputs
-from terrain_estimator.topics import INPUT_TYPES, REQUIRED_INPUTS, stamp_ns
-from terramechanics.vehicle.rover import Rover
+from terrain_estimator.offline.cluster import Cluster, cluster
+from terrain_estimator.offline.digest import code_sha256, digest
+from terrain_estimator.offline.pieces import Pieces, pack, unpack
+from terrain_estimator.offline.provenance import bag_sha256
+from terrain_estimator.offline.reading_runs import ReadRun, read_run_of
 
 FEW = 16
 """Number of bags up to which this process works alone, unless a cluster is named.
 
 With ten bags of 30 s two workers gained nothing.
 """
+JOURNAL = "search.sqlite"
+"""Name of the file of finished pieces in the folder of the results."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,66 +44,157 @@ class Runs:
     blocks: list[Blocks]
     contributions: Contributions
     left_out: list[str]
+    damaged: dict[str, str]  # what is missing, by the name of the run, used or not
 
 
-class Workplace:
-    """Place where bags are read and searched: this process, or workers that keep what they read."""
-
-    def __init__(self, on: Cluster | None) -> None:
-        """Use a cluster, or this process for None."""
-        self._cluster = on
-
-    def spread(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
-        """Yield a function of every item, in order."""
-        return (self._cluster or map)(function, items)
+class Workplace(Protocol):
+    """Place where bags are read and searched."""
 
     def read(
+        self, nominals: Sequence[Nominal], bags: Sequence[Path], read: Callable[..., ReadRun]
+    ) -> tuple[Iterable[ReadRun], Callable[[Sequence[int], Sequence[Blocks]], Contributions]]:
+        """Return what was read, and the contributions of the chosen numbers of runs."""
+
+
+class Here:
+    """This process."""
+
+    def read(
+        self, nominals: Sequence[Nominal], bags: Sequence[Path], read: Callable[..., ReadRun]
+    ) -> tuple[Iterable[ReadRun], Callable[[Sequence[int], Sequence[Blocks]], Contributions]]:
+        """Read one bag after the other."""
+        return map(read, nominals, bags), lambda _, blocks: here(blocks)
+
+
+class OnCluster:
+    """The workers of a cluster, whose results are kept."""
+
+    def __init__(self, on: Cluster, pieces: Pieces) -> None:
+        """Use a cluster, and the pieces that are finished already."""
+        self._sent, self._pieces = on.sent(), pieces
+
+    def read(
+        self, nominals: Sequence[Nominal], bags: Sequence[Path], read: Callable[..., ReadRun]
+    ) -> tuple[Iterable[ReadRun], Callable[[Sequence[int], Sequence[Blocks]], Contributions]]:
+        """Read each bag on a worker, which must have it at the same path."""
+        # a worker may have another working directory
+        files = [bag.absolute() for bag in bags]
+        keys = [
+            digest((read, *each))
+            for each in zip(nominals, files, map(_content, files), strict=True)
+        ]
+        found = self._all(
+            keys, [partial(read, *each) for each in zip(nominals, files, strict=True)]
+        )
+
+        def contributions(numbers: Sequence[int], blocks: Sequence[Blocks]) -> Contributions:
+            names, held = [keys[number] for number in numbers], list(blocks)
+
+            def of_runs(
+                function: Callable[[Blocks, Item], Result], items: Sequence[Item], /
+            ) -> list[Result]:
+                task = digest(function)
+                pieces = [
+                    digest((task, name, item)) for name, item in zip(names, items, strict=True)
+                ]
+                work = [partial(_of_run, function, item=item) for item in items]
+                return list(self._all(pieces, work, held))
+
+            return of_runs
+
+        return found, contributions
+
+    def _all(
         self,
-        bags: Sequence[Path],
-        nominal: Nominal,
-        reading: BagOptions,
-        say: ProgressCallback,
-        *,
-        held_out: bool = False,
-    ) -> Runs:
-        """Read the runs of these bags in order; held-out runs must be long enough to halve."""
-        read = partial(read_blocks, nominal, reading=reading, held_out=held_out)
-        files = [bag.absolute() for bag in bags]  # a worker may have another working directory
-        if self._cluster is None:
-            blocks, _, left_out = _sorted_out(map(read, files), bags, say)
-            return Runs(blocks, here(blocks), left_out)
-        held = self._cluster.hold(read, files)
-        blocks, numbers, left_out = _sorted_out(held.fetch(), bags, say)
-        return Runs(blocks, cast("Held[Blocks]", held.chosen(numbers)), left_out)
+        keys: Sequence[str],
+        work: Sequence[Callable[..., Any]],
+        runs: Sequence[Blocks] | None = None,
+    ) -> Iterator[Any]:
+        """Yield the result of every piece in order; the cluster computes those that are missing."""
+        found = [self._pieces.get(key) for key in keys]
+        missing = [number for number, each in enumerate(found) if each is None]
+        tasks = [partial(_packed, work[number], keys[number], code_sha256()) for number in missing]
+        data = [runs[number] for number in missing] if runs is not None else None
+        for place, result in self._sent.results(tasks, data):
+            self._pieces.put(keys[missing[place]], result)
+            found[missing[place]] = result
+        return (unpack(each) for each in found if each is not None)
+
+
+def _of_run(function: Callable[[Blocks, Item], Result], run: Blocks, *, item: Item) -> Result:
+    return function(run, item)
+
+
+def _packed(work: Callable[..., Any], key: str, code: str, *run: Blocks) -> bytes:
+    """Compute the piece of this key, which nothing but an observer of workers looks at."""
+    del key
+    if code != code_sha256():
+        raise ConfigError(
+            f"a worker has other code ({code_sha256()[:12]}) than this command ({code[:12]}):"
+            " install the same version on both"
+        )
+    return pack(work(*run))
+
+
+def _content(bag: Path) -> str:
+    """Return the hash of everything that is read of a bag."""
+    beside = bag / METADATA_FILE if bag.is_dir() else bag.parent / METADATA_FILE
+    return f"{bag_sha256(bag)} {bag_sha256(beside) if beside.is_file() else ''}"
+
+
+def contents_of(bags: Sequence[Path]) -> dict[str, str]:
+    """Return the hash of each bag, by a name for an error."""
+    return {f"content of {bag.absolute()}": _content(bag.absolute()) for bag in bags}
+
+
+def read_all(
+    place: Workplace,
+    bags: Sequence[Path],
+    nominals: Sequence[Nominal],
+    reading: BagOptions,
+    say: ProgressCallback,
+    *,
+    held_out: bool = False,
+    take_damaged: bool = False,
+) -> Runs:
+    """Read the runs of these bags in order, each with the nominal model of its soil."""
+    read = partial(read_run_of, reading=reading, held_out=held_out, take_damaged=take_damaged)
+    found, contributions = place.read(nominals, bags, read)
+    blocks, numbers, left_out, damaged = [], [], [], {}
+    for number, (each, bag) in enumerate(zip(found, bags, strict=True)):
+        say(number / len(bags), f"reading {bag}")
+        if each.lost:
+            damaged[bag.name] = each.lost
+        if each.blocks is None:
+            left_out.append(f"{bag} is left out: {each.reason}")
+        else:
+            blocks.append(each.blocks)
+            numbers.append(number)
+    return Runs(blocks, contributions(numbers, blocks), left_out, damaged)
 
 
 @contextmanager
-def workplace(bags: int, scheduler: str, workers: int) -> Iterator[Workplace]:
+def workplace(
+    bags: int, scheduler: str, workers: int, out: Path, identity: Callable[[], Mapping[str, Any]]
+) -> Iterator[tuple[Workplace, Pieces | None]]:
     """Choose the place for a number of bags.
 
     It is the cluster of a ``scheduler``, else ``workers`` processes of this machine; 0 chooses a
-    number that pays. Raises ClusterError where the scheduler does not answer.
+    number that pays. On a cluster finished pieces are in the folder ``out``, which exists.
+
+    Raises:
+        ClusterError: the scheduler does not answer.
+        JournalError: the pieces in ``out`` are of a search with another ``identity``.
+        ConfigError: this process may not start others.
     """
-    if not scheduler and (workers == 1 or (not workers and bags <= FEW)):
-        yield Workplace(None)
+    alone = bool(multiprocessing.current_process().daemon)  # such as a worker of dask
+    if not scheduler and (workers == 1 or (not workers and (bags <= FEW or alone))):
+        yield Here(), None
         return
-    with cluster(scheduler, workers or None) as spread:
-        yield Workplace(spread)
-
-
-def _sorted_out(
-    found: Iterable[Blocks | str], bags: Sequence[Path], say: ProgressCallback
-) -> tuple[list[Blocks], list[int], list[str]]:
-    """Sort out the runs: usable ones, their numbers, and the reasons for the others."""
-    blocks, numbers, left_out = [], [], []
-    for number, (each, bag) in enumerate(zip(found, bags, strict=True)):
-        say(number / len(bags), f"reading {bag}")
-        if isinstance(each, str):
-            left_out.append(f"{bag} is left out: {each}")
-        else:
-            blocks.append(each)
-            numbers.append(number)
-    return blocks, numbers, left_out
+    if alone and not scheduler:
+        raise ConfigError("--workers: this process may start no others: leave it out")
+    with cluster(scheduler, workers or None) as on, Pieces(out / JOURNAL, identity()) as pieces:
+        yield OnCluster(on, pieces), pieces
 
 
 def refuse_equal(runs: Sequence[Blocks]) -> None:
@@ -125,81 +215,3 @@ def refuse_equal(runs: Sequence[Blocks]) -> None:
                 f"runs {runs[first].name} and {runs[number].name} have {count} of {fewest} seconds"
                 " in common: every measurement counts once; give one of them"
             )
-
-
-def read_blocks(
-    nominal: Nominal, bag: Path, *, reading: BagOptions | None = None, held_out: bool = False
-) -> Blocks | str:
-    """Return the blocks of a run, or the reason why it cannot be used.
-
-    Without ``reading`` the estimator's own topics and parameters apply.
-    """
-    try:
-        blocks = cut(read_run(bag, nominal.rover, reading or BagOptions()), nominal.contact)
-        return long_enough(blocks) if held_out else blocks
-    except (BagError, TopicError, RunError, OSError) as error:
-        return str(error)
-
-
-def read_run(bag: Path, rover: Rover, reading: BagOptions) -> RecordedRun:
-    """Read the run of a bag.
-
-    Raises:
-        BagError: it cannot be read.
-        TopicError: a required topic is missing.
-        RunError: no observation can be used; the message gives the reason.
-    """
-    names = reading.names
-    with BagReader(bag) as reader:
-        check_inputs(str(bag), reader.topics, names)
-        reader.expect({names[name]: type_name for name, type_name in INPUT_TYPES.items()})
-        refusals = Refusals()
-        return run_of(
-            bag.name,
-            _observations(reader, rover, reading, refusals),
-            rover,
-            reading.config.core,
-            refusals,
-        )
-
-
-def _observations(
-    reader: BagReader, rover: Rover, reading: BagOptions, refusals: Refusals
-) -> Iterator[Observation]:
-    """Yield the observations of a bag at 10 Hz; RunError where no messages are of one instant."""
-    used = reading.config.core
-    converter = Converter(rover, reading.config.conversion, used)
-    none = True
-    readings = (
-        converter.convert(complete.stamp_ns, complete.messages)
-        for complete in _paired(reader, reading, converter)
-    )
-    for converted in averaged(readings, Averager(rover.wheel_radius, used)):
-        none = False
-        if converted.observation is None:
-            refusals.add(converted.outcome, converted.detail)
-        else:
-            yield (
-                converted.observation
-                if used.use_moments
-                else replace(converted.observation, bogie_angle=math.nan)
-            )
-    if none:
-        raise RunError(
-            f"no {', '.join(REQUIRED_INPUTS)} have stamps within the parameter pairing_tolerance,"
-            f" {reading.config.pairing.tolerance_s:g} s: give the estimator's value (-p or"
-            " --params-file)"
-        )
-
-
-def _paired(reader: BagReader, reading: BagOptions, converter: Converter) -> Iterator[MessageSet]:
-    synchronizer = input_synchronizer(INPUT_TYPES, reading.config.pairing)
-    index = {reading.names[name]: (number, name) for number, name in enumerate(INPUT_TYPES)}
-    for raw in reader.messages(index):
-        (number, name), message = index[raw.topic], reader.decode(raw)
-        # otherwise a mast or an arm would take the partners of the wheels
-        if converter.concerns(name, message):
-            yield from synchronizer.add(
-                number, stamp_ns(message), message, getattr(message, "sequence", None)
-            )
-    yield from synchronizer.flush()

@@ -8,28 +8,31 @@ closes its end of the pipe.
 """
 
 import dataclasses
+import itertools
 import multiprocessing
 import operator
 import os
 import signal
+import threading
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from terrain_estimator.bags import RawMessage
+from terrain_estimator.messaging.columns import ObservationRow, Observations
 from terrain_estimator.messaging.conversion import Conversion, Mark
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
 from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Floats, Observation
 from terrain_estimator.update import Decision, Disagreement, Estimate, Prediction, Update
 
-Converted: TypeAlias = list[tuple[RawMessage, Conversion]]
+Converted: TypeAlias = list[tuple[RawMessage, Conversion | ObservationRow]]
 """A batch of sets, each with the message that completed it."""
 
 Answered: TypeAlias = list[tuple[RawMessage, Answer]]
@@ -48,12 +51,15 @@ observation by position.
 
 @contextmanager
 def answering(pipeline: Pipeline) -> Iterator[Answering]:
-    """Answer by ``pipeline`` in a second process, or in this one where there is only one core.
+    """Answer by ``pipeline`` in a second process, or in this one where that does not pay.
+
+    It does not on a single core, nor in a worker, which has the other cores' workers beside it: a
+    daemonic process may have no child, and a fork from a thread could inherit held locks.
 
     Enter the context before any thread is started: the second process is a fork of this one, which
     has the model loaded and warm.
     """
-    if len(os.sched_getaffinity(0)) < 2:
+    if len(os.sched_getaffinity(0)) < 2 or _is_worker():
         yield partial(_in_turn, pipeline)
         return
     context = multiprocessing.get_context("fork")
@@ -68,6 +74,13 @@ def answering(pipeline: Pipeline) -> Iterator[Answering]:
     finally:
         here.close()  # ends the process
         process.join()
+
+
+def _is_worker() -> bool:
+    return (
+        multiprocessing.current_process().daemon
+        or threading.current_thread() is not threading.main_thread()
+    )
 
 
 def _by_call(
@@ -91,7 +104,13 @@ for _kind in _VALUES:
 
 def _in_turn(pipeline: Pipeline, batches: Iterable[Converted]) -> Iterator[Answered]:
     for batch in batches:
-        yield [(cause, pipeline.answer(conversion)) for cause, conversion in batch]
+        yield [
+            (
+                cause,
+                pipeline.answer(taken.conversion() if isinstance(taken, ObservationRow) else taken),
+            )
+            for cause, taken in batch
+        ]
 
 
 def _alongside(pipe: Connection, batches: Iterable[Converted]) -> Iterator[Answered]:
@@ -163,36 +182,50 @@ def _updates(pipeline: Pipeline, packed: _Packed) -> list[Update] | Exception:
         return error
 
 
-def _pack(conversions: list[Conversion]) -> _Packed:
+def _pack(batch: list[Conversion | ObservationRow]) -> _Packed:
     """Pack a batch into few large arrays.
 
     An object for each observation would cost as much as the estimate's arithmetic.
     """
     without = {
-        at: conversion
-        for at, conversion in enumerate(conversions)
-        if conversion.observation is None
+        at: each
+        for at, each in enumerate(batch)
+        if isinstance(each, Conversion) and each.observation is None
     }
-    observations = [
-        conversion.observation for conversion in conversions if conversion.observation is not None
-    ]
+    taken = [each for at, each in enumerate(batch) if at not in without]
     stamps = np.array(
-        [
-            (conversion.stamp_ns, conversion.mark)
-            for conversion in conversions
-            if conversion.observation is not None
-        ],
+        [(each.stamp_ns, each.mark) for each in taken],
         dtype=np.int64,
     ).reshape(-1, 2)
-    axles = np.array(
-        [[getattr(observation, name) for name in AXLE_FIELDS] for observation in observations],
-        dtype=np.float64,
-    )
-    scalars = np.array(
-        [[getattr(observation, name) for name in SCALAR_FIELDS] for observation in observations],
-        dtype=np.float64,
-    )
+    parts = [
+        _packed_rows(key, list(part))
+        for key, part in itertools.groupby(
+            taken, lambda each: each.observations if isinstance(each, ObservationRow) else None
+        )
+    ]
+    if not parts:
+        return stamps, np.empty(0), np.empty(0), without
+    axles, scalars = (np.concatenate(values) for values in zip(*parts, strict=True))
     return stamps, axles, scalars, without
+
+
+def _packed_rows(of: Observations | None, part: list[Any]) -> tuple[Floats, Floats]:
+    """Return values of axles and scalars of rows ``of`` many, or of single conversions."""
+    if of is not None:
+        rows = [each.at for each in part]
+        return of.axles[rows], of.scalars[rows]
+    observations = [each.observation for each in part]
+    axles, scalars = (
+        np.array(
+            [[getattr(observation, name) for name in names] for observation in observations],
+            dtype=np.float64,
+        )
+        for names in (AXLE_FIELDS, SCALAR_FIELDS)
+    )
+    return axles, scalars
+
+
+_MARKS = tuple(Mark)
 
 
 def _unpack(packed: _Packed) -> Iterator[Conversion]:
@@ -203,4 +236,4 @@ def _unpack(packed: _Packed) -> Iterator[Conversion]:
             yield without[at]
         else:
             (stamp_ns, mark), by_axle, single = next(observations)
-            yield Conversion(stamp_ns, Observation(stamp_ns, *by_axle, *single), mark=Mark(mark))
+            yield Conversion(stamp_ns, Observation(stamp_ns, *by_axle, *single), mark=_MARKS[mark])

@@ -7,25 +7,28 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from terrain_estimator.discovery.evidence.verdict import Verdict
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.proof.gap import Gap
 from terrain_estimator.discovery.proof.proof import Proof
+from terrain_estimator.discovery.proof.soil_proof import Proven
 from terrain_estimator.discovery.report.diagnosis import Diagnosis
 from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.offline.effect_entries import effect_entries
-from terrain_estimator.pages.finding_words import doubt_note
+from terrain_estimator.offline.revised_soils import soils_content
+from terrain_estimator.pages.finding_words import doubt_note, soil_words, unseen_words
 from terramechanics.effects import describe
 
 
 def finding_content(
-    finding: Finding,
+    outcome: Proven,
     diagnosis: Diagnosis,
     blocks: Sequence[Blocks],
     unseen: Sequence[Blocks],
-    proof: Proof | None,
 ) -> dict[str, Any]:
     """Return the content of finding.json."""
+    finding, proof = outcome.finding, outcome.proof
     judgement = finding.judgement
     after = judgement.named[0] if judgement.named else None
     return {
@@ -45,6 +48,8 @@ def finding_content(
             for each in finding.left[:3]
         ],
         **diagnosis.plain(),
+        "soils": soils_content(outcome),
+        "soil_proof": _soil_proof(outcome),
         "added": proof is not None and proof.added,
         **(
             proof.plain()
@@ -58,6 +63,14 @@ def finding_content(
         "runs": [each.name for each in blocks],
         "held_out": [each.name for each in unseen],
     }
+
+
+def _soil_proof(outcome: Proven) -> dict[str, Any] | None:
+    if not outcome.soil_sentence:
+        return None
+    numbers = dataclasses.asdict(outcome.soil) if outcome.soil else {}
+    holds = outcome.soil.holds if outcome.soil else None
+    return numbers | {"holds": holds, "sentence": outcome.soil_sentence}
 
 
 def _effects(finding: Finding, hypothesis: Hypothesis) -> list[dict[str, Any]]:
@@ -76,14 +89,22 @@ def _parameters(finding: Finding, hypothesis: Hypothesis | None) -> dict[str, li
     }
 
 
-def finding_sentence(finding: Finding, diagnosis: Diagnosis, proof: Proof | None) -> str:
+def finding_sentence(outcome: Proven, diagnosis: Diagnosis) -> str:
     """Return the verdict in words, and the result on the held-out runs."""
     unproven = "no run is held out: the finding is unproven, give a third run or --hold-out"
-    return f"{_verdict(finding, diagnosis)}\n{proof.sentence if proof else unproven}"
+    lines = [
+        _verdict(outcome.finding, diagnosis, outcome.proof),
+        *map(soil_words, soils_content(outcome)),
+        outcome.proof.sentence if outcome.proof else unproven,
+        outcome.soil_sentence,
+    ]
+    return "\n".join(filter(None, lines))
 
 
-def _verdict(finding: Finding, diagnosis: Diagnosis) -> str:
+def _verdict(finding: Finding, diagnosis: Diagnosis, proof: Proof | None) -> str:
     judgement = finding.judgement
+    if judgement.verdict is Verdict.UNKNOWN and not judgement.named and proof:
+        return unseen_words(proof.gap.before, proof.gap.noise_floor)
     labels = [each.label for each in judgement.named]
     sizes = ", ".join(
         f"{name} {size:.4g} +- {sd:.2g} {describe(name).unit}"
@@ -92,6 +113,7 @@ def _verdict(finding: Finding, diagnosis: Diagnosis) -> str:
     left = finding.left[0].column if finding.left else None
     words = {
         "none": "no missing effect shows in these runs",
+        "soil": "the soil constants differ from those of the soil file; nothing else is missing",
         "named": f"named: {sizes}",
         "confusable": (
             f"confusable: {', '.join(labels)}. To separate: {diagnosis.separate_by(judgement)}"

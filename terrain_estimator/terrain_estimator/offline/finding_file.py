@@ -9,7 +9,7 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from rover_parameters.parameters import effective
 from terrain_estimator.files.atomic import write_file
 from terrain_estimator.offline.bag_options import BagOptions
 from terrain_estimator.offline.provenance import bag_sha256, versions
+from terrain_estimator.offline.run_soils import RunSoils
 from terrain_estimator.pages.finding import finding_page
 from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.terrain.soil import Soil
@@ -58,8 +59,11 @@ def write_finding(
         write_file(folder / name, text)
 
 
-def asked(rover: str, soil: str, seed: int, reading: BagOptions) -> dict[str, Any]:
-    """Return the arguments that the answer depends on, apart from the runs."""
+def asked(rover: str, soils: RunSoils, seed: int, reading: BagOptions) -> dict[str, Any]:
+    """Return the arguments that the answer depends on, apart from the runs.
+
+    ``soils`` by the path of the run are there only where they differ.
+    """
     usual = BagOptions()
     topics = {
         name: reading.names[name]
@@ -70,21 +74,32 @@ def asked(rover: str, soil: str, seed: int, reading: BagOptions) -> dict[str, An
     parameters = {
         name: value for name, value in effective(reading.config).items() if value != before[name]
     }
-    return {"rover": rover, "soil": soil, "seed": seed, "topics": topics, "parameters": parameters}
+    told = {"rover": rover, "soil": soils.words(), "seed": seed}
+    if len(set(soils.names.values())) > 1:
+        told["soils"] = {str(run): name for run, name in soils.names.items()}
+    return told | {"topics": topics, "parameters": parameters}
 
 
-def provenance(rover: Rover, soil: Soil, bags: Sequence[Path]) -> dict[str, Any]:
-    """Return versions, and SHA-256 of all inputs."""
+def provenance(rover: Rover, soils: RunSoils) -> dict[str, Any]:
+    """Return versions, and SHA-256 of all inputs; ``soils`` of all runs."""
     thresholds = (files("terrain_estimator.discovery.evidence") / "thresholds.json").read_bytes()
     return {
         "versions": versions(),
         "sha256": {
             "rover": _of_record(rover),
-            "soil": _of_record(soil),
+            **soil_sums(soils),
             "thresholds": hashlib.sha256(thresholds).hexdigest(),
         },
-        "runs_sha256": [[bag.name, bag_sha256(bag)] for bag in bags],
+        "runs_sha256": [[bag.name, bag_sha256(bag)] for bag in soils.soils],
     }
+
+
+def soil_sums(soils: RunSoils) -> dict[str, str]:
+    """Return the SHA-256 of a single soil, or of each one by its name."""
+    sums = {name: _of_record(soils.soils[run]) for run, name in soils.names.items()}
+    if len(sums) == 1:
+        return {"soil": next(iter(sums.values()))}
+    return {f"soil {name}": value for name, value in sums.items()}
 
 
 def _of_record(record: Rover | Soil) -> str:

@@ -19,9 +19,10 @@ def versions() -> dict[str, str]:
 
 def bag_sha256(bag: Path) -> str:
     """Return the SHA-256 of a bag's files in order, or a text where they cannot be read."""
-    paths = sorted(bag.glob("*.mcap")) if bag.is_dir() else [bag]
+    paths = sorted(bag.glob("*.mcap")) or sorted(bag.glob("*.db3*"))
+    paths = paths if bag.is_dir() else [bag]
     if not paths:
-        return "there is no .mcap file"
+        return "there is no file of messages"
     digest = hashlib.sha256()
     try:
         for path in paths:

@@ -2,52 +2,47 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run one bag through the estimator at full speed: the node's pipeline without the node."""
 
+import dataclasses
 import gc
 import hashlib
-import itertools
 import json
-import math
 import time
-from collections.abc import Container, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import NamedTuple, Self, TypeAlias
 
 from rover_parameters.parameters import effective
 from terrain_estimator.bags import (
     BagError,
     BagReader,
     BagWriter,
-    Message,
-    RawMessage,
+    Packer,
     Types,
-    bag_name,
     compare,
-    is_sequenced,
-    sequence_of,
     whole_bag,
 )
-from terrain_estimator.config.estimator import EstimatorConfig
+from terrain_estimator.compiled.finding import Chosen, load
+from terrain_estimator.config.estimator import AUTO, COMPILED, TORCHSCRIPT, EstimatorConfig
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.estimator.saved_state import Arrays
-from terrain_estimator.messaging.averaging import RateCounts
-from terrain_estimator.messaging.conversion import Conversion
-from terrain_estimator.messaging.health import RefusalCounts
-from terrain_estimator.messaging.history import RunHistory, WheelHistory
+from terrain_estimator.messaging.history import WheelHistory
 from terrain_estimator.messaging.messages import status_of
-from terrain_estimator.messaging.pairing import Counters, MessageSet
-from terrain_estimator.messaging.pipeline import Answer, Pipeline, rover_of
-from terrain_estimator.messaging.sequence_numbers import Sequences
-from terrain_estimator.messaging.settled import SettledOutcomes
-from terrain_estimator.model.model_file import LoadedModel
-from terrain_estimator.offline.estimation_process import Answered, Converted, answering
+from terrain_estimator.messaging.pipeline import Pipeline, configuration_sha256, rover_of
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.offline.converted import converted
+from terrain_estimator.offline.estimation_process import Answered, answering
+from terrain_estimator.offline.replay_result import Replay
 from terrain_estimator.offline.state_files import read_state
 from terrain_estimator.offline.topic_mapping import check_inputs
 from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
-from terrain_estimator.update import Disagreement
 
-TRUTH = "ground_truth/terrain"
-BATCH = 500  # messages
+Keep: TypeAlias = Callable[[Answered], None]
+"""A function that keeps a batch of answers."""
+
+Into: TypeAlias = Callable[[Pipeline, dict[str, str]], AbstractContextManager[Keep]]
+"""A place for the answers of a pipeline, by :func:`identity`: open while they come."""
 
 
 class Start(NamedTuple):
@@ -64,91 +59,12 @@ class Start(NamedTuple):
         return cls(path, arrays, hashlib.sha256(path.read_bytes()).hexdigest())
 
 
-@dataclass(slots=True)
-class Replay:
-    """Result of the replay of one bag."""
-
-    bag: Path
-    estimates_bag: Path
-    name: str = ""  # of the run; empty: that of the bag
-    state_sha256: str = ""  # of the file of the state that it started from
-    missing_s: float | None = 0.0  # at the end of an unfinished bag; None where it is unknown
-    notes: list[str] = field(default_factory=list)
-    wall_s: float = 0.0  # of reading, estimating and writing, without loading anything
-    estimates: int = 0
-    inputs: dict[str, Counters] = field(default_factory=dict)
-    # of msg_defs messages apart from the inputs, by topic of the bag
-    sequences: Sequences = field(default_factory=Sequences)
-    first: Answer | None = None
-    last: Answer | None = None
-    status: str = ""
-    # grows only with the changes of the simulated ground
-    truths: list[Message] = field(default_factory=list)
-    history: RunHistory = field(default_factory=RunHistory)
-    slip: WheelHistory = field(default_factory=WheelHistory)
-    sinkage: WheelHistory = field(default_factory=WheelHistory)
-    rates: RateCounts = field(default_factory=RateCounts)
-    refusals: RefusalCounts = field(default_factory=RefusalCounts)
-    # by topic, empty where identical to live; None where not compared
-    differences: dict[str, str] | None = None
-
-    def __post_init__(self) -> None:
-        """Name the run by its bag where it has no name of its own."""
-        self.name = self.name or bag_name(self.bag)
-
-    def keep_wheels(self, complete: MessageSet) -> None:
-        """Record the wheels' measurements of one instant."""
-        slip, sinkage, *_ = complete.messages
-        self.slip.add(complete.stamp_ns, slip.wheel, slip.slip)
-        self.sinkage.add(complete.stamp_ns, sinkage.wheel, sinkage.sinkage)
-
-    @property
-    def settled(self) -> SettledOutcomes:
-        """Observations and seconds by what became of them."""
-        return self.history.settled
-
-    @property
-    def learnt(self) -> bool:
-        """Return whether an observation was used; otherwise the last estimate is the prior."""
-        return self.settled.used > 0
-
-    @property
-    def disagreements(self) -> tuple[Disagreement, ...]:
-        """Reasons why the model does not fit at the end, for which the prior is published."""
-        return self.last.update.disagreements if self.last else ()
-
-    @property
-    def gave_estimate(self) -> bool:
-        """Return whether the last estimate is one: something was learnt, by a model that fits."""
-        return self.learnt and not self.disagreements
-
-    @property
-    def truth(self) -> Message | None:
-        """Last true ground; None where the bag has none."""
-        return self.truths[-1] if self.truths else None
-
-    @property
-    def span_s(self) -> float:
-        """Time [s] between the stamps of the first and the last estimate."""
-        return (
-            (self.last.update.stamp_ns - self.first.update.stamp_ns) / 1e9
-            if self.first and self.last
-            else 0.0
-        )
-
-    @property
-    def times_real_time(self) -> float:
-        """Speed of the replay relative to the recording."""
-        return self.span_s / self.wall_s if self.wall_s > 0.0 else math.nan
-
-
 class _Output:
     """Writer of the outgoing messages of each answer."""
 
     def __init__(self, writer: BagWriter, pipeline: Pipeline, names: Mapping[str, str]) -> None:
-        self._writer, self._pipeline, self._types = writer, pipeline, Types()
-        for type_name in OUTPUT_TYPES.values():
-            self._types.make(type_name)  # the first message of a type takes some milliseconds
+        self._writer, self._pipeline = writer, pipeline
+        self._packer = Packer(Types(), *OUTPUT_TYPES.values())
         self._topics = {
             name: writer.add_topic(names[name], type_name)
             for name, type_name in OUTPUT_TYPES.items()
@@ -159,32 +75,28 @@ class _Output:
 
         Both bags can then be played side by side.
         """
-        made = [
-            (cause, answer.messages(self._types.make, self._pipeline.meta))
+        make, pack, meta = self._packer.make, self._packer.pack, self._pipeline.meta
+        packed = [
+            (cause, name, pack(draft))
             for cause, answer in answers
+            for name, draft in answer.messages(make, meta).items()
         ]
-        for cause, messages in made:
-            for name, message in messages.items():
-                self._writer.write(
-                    self._topics[name],
-                    self._types.serialize(message),
-                    cause.log_time_ns,
-                    cause.publish_time_ns,
-                )
+        for cause, name, data in packed:
+            self._writer.write(self._topics[name], data, cause.log_time_ns, cause.publish_time_ns)
 
 
 def replay(
     bag: Path,
     output: Path,
-    model: LoadedModel,
+    chosen: Chosen,
     config: EstimatorConfig,
     names: Mapping[str, str],
     start: Start | None = None,
 ) -> Replay:
     """Estimate from the messages of ``bag`` and write the estimates to the new bag ``output``.
 
-    ``names`` are the topic names in the bag, by the estimator's names. Without ``start`` the
-    estimator starts from the prior.
+    ``chosen`` is the model for ``config``. ``names`` are the topic names in the bag, by the
+    estimator's names. Without ``start`` the estimator starts from the prior.
 
     Raises:
         StateFileError: ``start`` is no state of this model.
@@ -192,52 +104,120 @@ def replay(
             output is then removed.
         TopicError: a required topic is missing.
     """
-    result = Replay(bag, output)
+    result = estimate(bag, partial(_written, output, names), chosen, config, names, start)
+    result.estimates_bag = output
+    return result
+
+
+def estimate(
+    bag: Path,
+    into: Into,
+    chosen: Chosen,
+    config: EstimatorConfig,
+    names: Mapping[str, str],
+    start: Start | None = None,
+    *,
+    silent: bool = False,
+) -> Replay:
+    """Estimate as :func:`replay` does, and give the answers to ``into``; raises the same errors."""
+    result = Replay(bag)
     with BagReader(bag) as reader:
         check_inputs(str(bag), reader.topics, names)
         reader.expect({names[name]: type_name for name, type_name in INPUT_TYPES.items()})
         result.missing_s = reader.missing_s
-        result.notes = reader.notes + _other_model(reader, model, names["terrain_estimate"])
-        wheels = rover_of(model, config.rover).wheel_names
+        result.notes = reader.notes + _other_model(reader, chosen.model, names["terrain_estimate"])
+        wheels = rover_of(chosen.model.metadata, config.rover).wheel_names
         result.slip, result.sinkage = WheelHistory(wheels), WheelHistory(wheels)
-        pipeline = Pipeline(model, config)
+        chosen = _as_recorded(reader, chosen, config, names["terrain_estimate"])
+        result.runtime = chosen.runtime
+        result.notes += [chosen.why] if chosen.why else []
+        config = dataclasses.replace(config, runtime=chosen.runtime)
+        pipeline = Pipeline(chosen.model, config)
         if start:
             pipeline.restore(start.arrays, str(start.path))
             result.state_sha256 = start.sha256
+        result.configuration_sha256 = pipeline.meta.configuration_sha256
+        for name in names.values():
+            if name in reader.topics:
+                reader.prepare(name)
         origin = identity(pipeline, config) | ({"state_sha256": start.sha256} if start else {})
-        _estimate(reader, pipeline, origin, names, result)
+        with into(pipeline, origin) as keep, _few_collections():
+            started_s = time.perf_counter()
+            _run(reader, pipeline, keep, names, result, silent=silent)
+        result.wall_s = time.perf_counter() - started_s
+        result.inputs = dict(pipeline.counters)
+        if result.last:
+            result.status = status_of(result.last.update, pipeline.meta.rows).name
     return result
 
 
-def _estimate(
-    reader: BagReader,
-    pipeline: Pipeline,
-    origin: dict[str, str],
-    names: Mapping[str, str],
-    result: Replay,
-) -> None:
-    """Write the estimates bag, with ``origin`` as its metadata, and complete the result."""
-    for name in names.values():
-        if name in reader.topics:
-            reader.prepare(name)
-    with whole_bag(result.estimates_bag) as writer:
+@contextmanager
+def _written(
+    path: Path, names: Mapping[str, str], pipeline: Pipeline, origin: dict[str, str]
+) -> Iterator[Keep]:
+    """Write the answers to a new bag, with ``origin`` as its metadata."""
+    with whole_bag(path) as writer:
         writer.add_metadata("terrain_estimator", origin)
-        output = _Output(writer, pipeline, names)
-        gc.collect()
-        gc.freeze()  # collections over torch's modules would take a tenth of the time
-        started_s = time.perf_counter()
-        _run(reader, pipeline, output, names, result)
-    result.wall_s = time.perf_counter() - started_s
-    result.inputs = dict(pipeline.counters)
-    if result.last:
-        result.status = status_of(result.last.update, pipeline.meta.rows).name
+        yield _Output(writer, pipeline, names).write
+
+
+@contextmanager
+def _few_collections() -> Iterator[None]:
+    """Keep the garbage collector from torch's modules, which would take a tenth of the time."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
+def _as_recorded(
+    reader: BagReader, chosen: Chosen, config: EstimatorConfig, estimates: str
+) -> Chosen:
+    """Return the model for ``config`` with the runtime of the bag's ``estimates`` where it has any.
+
+    Where their runtime is the compiled core and this machine has none, bytes cannot be compared,
+    which is said.
+    """
+    if config.runtime != AUTO:
+        return chosen
+    live = _live_configuration(reader, estimates)
+    of = {
+        name: configuration_sha256(chosen.model, dataclasses.replace(config, runtime=name))
+        for name in (COMPILED, TORCHSCRIPT)
+    }
+    if live == of[TORCHSCRIPT] and chosen.runtime != TORCHSCRIPT:
+        return load(config.model, TORCHSCRIPT)
+    if live == of[COMPILED] and chosen.runtime != COMPILED:
+        words = (
+            f"{reader.path}: its live estimates are of the compiled core; this replay runs"
+            f" TorchScript, whose bytes differ: {chosen.why}"
+        )
+        return chosen._replace(why=words)
+    return chosen._replace(why="")
+
+
+def _live_configuration(reader: BagReader, estimates: str) -> str:
+    """Return the SHA-256 of the configuration behind the bag's estimates; empty if it has none."""
+    if estimates not in reader.topics:
+        return ""
+    first = next(iter(reader.messages([estimates])), None)
+    if first is None:
+        return _live_node(reader, estimates).get("configuration_sha256", "")
+    return str(reader.decode(first).configuration_sha256)
+
+
+def _live_node(reader: BagReader, estimates: str) -> Mapping[str, str]:
+    """Return what the recorder wrote of the node that gave ``estimates``; empty if nothing."""
+    node: Mapping[str, str] = reader.metadata.get("terrain_estimator", {})
+    ours = node.get("topic", "").rpartition("/")[0] == estimates.rpartition("/")[0]
+    return node if ours else {}
 
 
 def _other_model(reader: BagReader, model: LoadedModel, estimates: str) -> list[str]:
     """Return a note where the node's ``estimates`` in the bag are from another model."""
-    node = reader.metadata.get("terrain_estimator", {})
-    ours = node.get("topic", "").rpartition("/")[0] == estimates.rpartition("/")[0]
-    live = node.get("model_id", "") if ours else ""
+    live = _live_node(reader, estimates).get("model_id", "")
     words = (
         f"{reader.path}: its live estimates are of model {live}, those of this replay of"
         f" {model.model_id} (--model)"
@@ -257,81 +237,26 @@ def identity(pipeline: Pipeline, config: EstimatorConfig) -> dict[str, str]:
 
 
 def _run(
-    reader: BagReader, pipeline: Pipeline, output: _Output, names: Mapping[str, str], result: Replay
+    reader: BagReader,
+    pipeline: Pipeline,
+    keep: Keep,
+    names: Mapping[str, str],
+    result: Replay,
+    *,
+    silent: bool,
 ) -> None:
-    """Read, pair, convert, estimate and write: each step for a batch of messages, which is faster.
+    """Read, pair, convert, estimate and keep: each step for a batch of messages, which is faster.
 
     The answers are the same: every step keeps the order, and no step depends on a later one.
     """
-    with answering(pipeline) as answered, ProgressReport(f"replay {result.name}") as progress:
-        for answers in answered(_converted(reader, pipeline, names, result, progress)):
-            _keep(answers, output, result)
+    title = f"replay {result.name}"
+    with answering(pipeline) as answered, ProgressReport(title, silent=silent) as progress:
+        for answers in answered(converted(reader, pipeline, names, result, progress)):
+            keep(answers)
+            _count(answers, result)
 
 
-def _converted(
-    reader: BagReader,
-    pipeline: Pipeline,
-    names: Mapping[str, str],
-    result: Replay,
-    progress: ProgressReport,
-) -> Iterator[Converted]:
-    """Yield the sets of the bag in batches, each with the message that completed it.
-
-    Sets that still wait at the end of the bag come last.
-    """
-    ours = {names[name]: name for name in (*pipeline.inputs, TRUTH)}
-    span = reader.span
-    cause: RawMessage | None = None
-
-    def readings(complete: MessageSet) -> list[Conversion]:
-        result.keep_wheels(complete)
-        taken = pipeline.average(pipeline.convert(complete))
-        result.rates.add(pipeline.rate)
-        return taken
-
-    messages = _counted(reader, ours, {names[name] for name in pipeline.inputs}, result.sequences)
-    while batch := list(itertools.islice(messages, BATCH)):
-        progress.at((batch[0].log_time_ns - span.first_ns) / max(1, span.duration_ns))
-        decoded = [(raw, ours[raw.topic], reader.decode(raw)) for raw in batch]
-        for _, name, message in decoded:
-            if name == TRUTH:
-                result.truths.append(message)
-        inputs = [(raw, name, message) for raw, name, message in decoded if name != TRUTH]
-        sets = [
-            (raw, complete)
-            for raw, name, message in inputs
-            for complete in pipeline.pair(name, message)
-        ]
-        yield [(raw, taken) for raw, complete in sets for taken in readings(complete)]
-        cause = inputs[-1][0] if inputs else cause
-    if cause is not None:
-        last = [taken for complete in pipeline.rest() for taken in readings(complete)]
-        yield [(cause, taken) for taken in (*last, *pipeline.rest_of_means())]
-
-
-def _counted(
-    reader: BagReader, wanted: Container[str], paired: Container[str], sequences: Sequences
-) -> Iterator[RawMessage]:
-    """Yield the wanted messages, and count gaps in all msg_defs messages.
-
-    Pairing counts the gaps of the inputs.
-    """
-    counted = {
-        name
-        for name, topic in reader.topics.items()
-        if name not in paired and is_sequenced(topic.definition)
-    }
-    for raw in reader.messages(
-        [name for name in reader.topics if name in wanted or name in counted]
-    ):
-        if raw.topic in counted and (sequence := sequence_of(raw.data)) is not None:
-            sequences.note(raw.topic, sequence)
-        if raw.topic in wanted:
-            yield raw
-
-
-def _keep(answers: Answered, output: _Output, result: Replay) -> None:
-    output.write(answers)
+def _count(answers: Answered, result: Replay) -> None:
     for _, answer in answers:
         result.estimates += 1
         result.refusals.add(answer.update.decision)

@@ -2,16 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report of a replay: one HTML page about all its runs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from rover_parameters.parameters import effective, parameters
 from terrain_estimator.bags import Message
 from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.messages import Status, status_text
-from terrain_estimator.messaging.pipeline import configuration_sha256, rover_of
-from terrain_estimator.model.model_file import LoadedModel
+from terrain_estimator.messaging.pipeline import rover_of
+from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.offline.provenance import bag_sha256, versions
-from terrain_estimator.offline.replay import Replay
+from terrain_estimator.offline.replay_result import Replay
 from terrain_estimator.offline.summary import remarks
 from terrain_estimator.pages.citations import citations
 from terrain_estimator.pages.run import Origin, ReplayedRun, ShownTruth, run_page
@@ -20,7 +20,7 @@ from terrain_estimator.topics import stamp_ns
 
 def report_page(replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig) -> str:
     """Return the page about runs whose history was kept; OSError where a bag is gone."""
-    return run_page([_run(each, model) for each in replays], _origin(model, config))
+    return run_page([_run(each, model) for each in replays], _origin(replays, model, config))
 
 
 def _run(replay: Replay, model: LoadedModel) -> ReplayedRun:
@@ -57,15 +57,21 @@ def _truth(message: Message) -> ShownTruth:
     )
 
 
-def _origin(model: LoadedModel, config: EstimatorConfig) -> Origin:
+def _each(values: Iterable[str]) -> str:
+    """Return the different ones in their order."""
+    return ", ".join(dict.fromkeys(values))
+
+
+def _origin(replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig) -> Origin:
     identity = [
         ("model", model.model_id),
         ("model, SHA-256", model.sha256),
-        ("configuration, SHA-256", configuration_sha256(model, config)),
+        ("runtime", _each(replay.runtime for replay in replays)),
+        ("configuration, SHA-256", _each(replay.configuration_sha256 for replay in replays)),
     ]
     values = effective(config)
     return Origin(
-        rover=rover_of(model, config.rover).name,
+        rover=rover_of(model.metadata, config.rover).name,
         identity=[
             *identity,
             *((f"{name}, version", number) for name, number in versions().items()),

@@ -18,9 +18,8 @@ from rover_parameters.parameters import effective
 from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.estimator.intake import FEWEST
 from terrain_estimator.files.atomic import write_file
-from terrain_estimator.messaging.pipeline import configuration_sha256
-from terrain_estimator.model.model_file import LoadedModel
-from terrain_estimator.offline.replay import Replay
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.offline.replay_result import Replay
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.pages.number_format import finite
 
@@ -52,7 +51,6 @@ def summary(
         "model_id": model.model_id,
         "model_sha256": model.sha256,
         "configuration": effective(config),
-        "configuration_sha256": configuration_sha256(model, config),
         "bags": [_run_summary(each) for each in replays],
     }
 
@@ -62,6 +60,8 @@ def _run_summary(replay: Replay) -> dict[str, Any]:
     return {
         "bag": str(replay.bag),
         "estimates_bag": str(replay.estimates_bag),
+        "runtime": replay.runtime,
+        "configuration_sha256": replay.configuration_sha256,
         "span_s": replay.span_s,
         "missing_s": replay.missing_s,
         "notes": replay.notes,

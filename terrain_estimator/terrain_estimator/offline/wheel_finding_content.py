@@ -2,18 +2,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """Content of finding.json about one wheel on a testbed, and the verdict in words."""
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
 
 from terrain_estimator.discovery.evidence.verdict import Verdict
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
-from terrain_estimator.discovery.single_wheel.cells import ROWS, UNITS, Cells, Rig, Row, cells_of
-from terrain_estimator.discovery.single_wheel.fit import Explained
+from terrain_estimator.discovery.single_wheel.cells import (
+    ROWS,
+    UNITS,
+    Cells,
+    Rig,
+    Row,
+    cells_of,
+)
+from terrain_estimator.discovery.single_wheel.free_law import UNITS_OF_CONSTANTS
 from terrain_estimator.discovery.single_wheel.investigation import FLOOR, HeldOut, WheelFinding
+from terrain_estimator.discovery.single_wheel.law_fits import (
+    ConstantsMeasured,
+    Interval,
+    LawFits,
+)
+from terrain_estimator.discovery.single_wheel.size import change
 from terrain_estimator.observation import Floats
 from terrain_estimator.offline.effect_entries import effect_entries
 from terrain_estimator.pages.wheel_finding import undescribed
@@ -22,24 +36,38 @@ NOT_IDENTIFIED = (
     "c and tan phi are not identified: these tables have no drive torque, so both were left free"
     " and are not reported"
 )
-NOT_DESCRIBED = (
-    "c and tan phi are not reported: the model does not describe these tables, so what it would"
-    " say of the soil means nothing"
+UNRELIABLE = (
+    "c and tan phi are not reported: the sampler did not resolve them; state smaller deviations of"
+    " the soil constants"
 )
-OF_THE_LAW = (
-    "c and tan phi are those with which this contact law fits, at the soil file's constants"
-)
-NORMAL_95 = float(norm.ppf(0.975))
 REPLICATES = "replicates of one setting count as one measurement"
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A value and its standard deviation."""
+
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True, slots=True)
+class ShearBox:
+    """c and tan phi as another instrument measured them."""
+
+    cohesion_pa: Measured
+    tan_phi: Measured
 
 
 def wheel_content(
     outcome: WheelFinding,
+    fits: LawFits,
     bed: Rig,
     rows: Sequence[Row],
     reference: frozenset[str],
     given: Hypothesis,
     tables: Sequence[Path],
+    box: ShearBox | None = None,
     *,
     by_trial: bool,
     seed: int,
@@ -51,7 +79,9 @@ def wheel_content(
         "verdict": str(judgement.verdict),
         "probabilities": judgement.probabilities,
         "effects": [
-            entry for hypothesis in judgement.named for entry in _effects(outcome, hypothesis)
+            entry
+            for hypothesis in judgement.named
+            for entry in _effects(outcome, hypothesis, cells, given, seed)
         ],
         "confusable_with": [each.label for each in judgement.named[1:]],
         "separate_by": outcome.separate_by,
@@ -62,56 +92,102 @@ def wheel_content(
             else []
         ),
         "gap": _gap(outcome, bed, seed),
-        "parameters": _parameters(outcome, cells),
+        "fits": _fits(fits, box),
         "runs": [path.name for path in tables],
         "held_out": ["each trial in turn" if by_trial else f"each of {tried} settings in turn"],
         "rows": [name for name, seen in zip(ROWS, cells.seen.any(0).tolist(), strict=True) if seen],
         "settings": len(cells.slip),
         "measurements": len(rows),
         "given": list(given.names),
-        "limits": [_limit(outcome, cells), REPLICATES],
+        "limits": [*filter(None, [_why(fits.measured)]), REPLICATES],
     }
 
 
-def _limit(outcome: WheelFinding, cells: Cells) -> str:
-    """Return what has to be known about c and tan phi."""
-    if not bool(cells.seen[:, ROWS.index("torque")].any()):
-        return NOT_IDENTIFIED
-    return OF_THE_LAW if outcome.held_out.described else NOT_DESCRIBED
-
-
-def _parameters(outcome: WheelFinding, cells: Cells) -> dict[str, Any]:
-    """Return mean and standard deviation of c [Pa] and tan phi, and why there are none."""
-    why = _limit(outcome, cells)
-    if why != OF_THE_LAW:
-        return {"before": None, "after": None, "why": why}
-    named = outcome.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
-    after = _strength(outcome.found[0]) if named else None
-    return {"before": _strength(outcome.nothing), "after": after, "why": why}
-
-
-def _strength(found: Explained) -> dict[str, float]:
-    (cohesion, cohesion_sd), (tan_phi, tan_phi_sd) = found.strength()
+def _fits(fits: LawFits, box: ShearBox | None) -> dict[str, Any]:
+    """Return both fits of the contact law."""
+    units = dict(zip(ROWS, UNITS, strict=True))
+    rows = {name: {"rms": rms, "unit": units[name]} for name, rms in fits.free.rms.items()}
     return {
-        "cohesion_pa": cohesion,
-        "cohesion_sd_pa": cohesion_sd,
-        "tan_phi": tan_phi,
-        "tan_phi_sd": tan_phi_sd,
+        "effects": list(fits.effects),
+        "constants_free": {
+            "rows": rows,
+            "unknowns": fits.free.unknowns,
+            "measurements": fits.free.measurements,
+        },
+        "constants_as_measured": _as_measured(fits),
+        "why": _why(fits.measured),
+        "shear_box": None if box is None else dataclasses.asdict(box),
     }
 
 
-def _effects(outcome: WheelFinding, hypothesis: Hypothesis) -> list[dict[str, Any]]:
-    found = next(each for each in outcome.found if each.hypothesis == hypothesis)
+def _why(found: ConstantsMeasured | None) -> str:
+    """Return why c and tan phi are not reported; empty where they are."""
+    if found is None:
+        return NOT_IDENTIFIED
+    return "" if found.reliable else UNRELIABLE
+
+
+def _as_measured(fits: LawFits) -> dict[str, Any] | None:
+    found = fits.measured
+    if found is None or not found.reliable:
+        return None
+    units = dict(zip(ROWS, UNITS, strict=True))
+    errors = {name: _ends(each) | {"unit": units[name]} for name, each in found.model_error.items()}
+    return {
+        "cohesion_pa": _ends(found.cohesion_pa),
+        "tan_phi": _ends(found.tan_phi),
+        "model_error": errors,
+        "rejected": [
+            {
+                "name": each.name,
+                "unit": UNITS_OF_CONSTANTS[each.name],
+                "measured": each.measured,
+                "measured_sd": each.measured_sd,
+                "fitted": _ends(each.fitted),
+                "deviations": each.deviations,
+            }
+            for each in fits.rejected
+        ],
+        "effective_draws": found.effective,
+    }
+
+
+def _ends(interval: Interval) -> dict[str, float]:
+    """Return a 95 % interval and its median."""
+    return dict(zip(("low", "median", "high"), interval, strict=True))
+
+
+def _effects(
+    outcome: WheelFinding, hypothesis: Hypothesis, cells: Cells, given: Hypothesis, seed: int
+) -> list[dict[str, Any]]:
+    """Return the effects of a hypothesis: sizes by the registry's laws, changes by all laws."""
+    family = outcome.family(hypothesis)
+    own = next(
+        each
+        for each in family.laws
+        if all(effect.competing is None for effect in each.hypothesis.effects)
+    )
     probability = outcome.judgement.probabilities.get(" + ".join(hypothesis.names), 0.0)
-    factor = found.log_evidence - outcome.nothing.log_evidence
-    return effect_entries(found.sizes(outcome.first), probability, factor)
+    factor = outcome.weighed.gain(family, {})
+    units = dict(zip(ROWS, UNITS, strict=True))
+    changed = change(outcome.bed, cells, given, family, seed)
+    rows = {name: _ends(each) | {"unit": units[name]} for name, each in changed.rows.items()}
+    laws = [
+        {"law": law.hypothesis.effects[-1].law_name, "weight": weight}
+        for law, weight in zip(family.laws, family.weights, strict=True)
+    ]
+    return [
+        entry
+        | {"change": {"slip": changed.slip, "load_n": changed.load, "rows": rows}, "laws": laws}
+        for entry in effect_entries(own.sizes(outcome.first), probability, factor)
+    ]
 
 
 def _gap(outcome: WheelFinding, bed: Rig, seed: int) -> dict[str, Any]:
-    """Return the gap on held-out settings: in deviations of repeatability, and by row in units."""
+    """Return the gap on held-out settings: in deviations of measurement, and by row in units."""
     errors = outcome.held_out
-    before, after = errors.rms(bed.repeatability)
-    interval = errors.improvement_95(bed.repeatability, seed)
+    before, after = errors.rms(bed.deviations)
+    interval = errors.improvement_95(bed.deviations, seed)
     room = before - FLOOR
     return {
         "before": before,
@@ -123,7 +199,30 @@ def _gap(outcome: WheelFinding, bed: Rig, seed: int) -> dict[str, Any]:
         "proven": outcome.proven,
         "described": errors.described,
         "settings": errors.settings,
+        "points": _points(errors),
     }
+
+
+def _points(errors: HeldOut) -> dict[str, Any]:
+    """Return measured and predicted values of every held-out setting, by row."""
+    rows = {}
+    for k, (name, unit) in enumerate(zip(ROWS, UNITS, strict=True)):
+        measured = errors.measured[:, k]
+        if np.isnan(measured).all():
+            continue
+        after = None if errors.after is None else _listed(measured - errors.after[:, k])
+        rows[name] = {
+            "unit": unit,
+            "measured": _listed(measured),
+            "before": _listed(measured - errors.before[:, k]),
+            "after": after,
+        }
+    return {"slip": errors.slip.tolist(), "load_n": errors.load.tolist(), "rows": rows}
+
+
+def _listed(values: Floats) -> list[float | None]:
+    """Return values for JSON, None where there is none."""
+    return [float(each) if np.isfinite(each) else None for each in values]
 
 
 def _gap_by_row(errors: HeldOut, bed: Rig) -> dict[str, dict[str, Any]]:
@@ -134,7 +233,7 @@ def _gap_by_row(errors: HeldOut, bed: Rig) -> dict[str, dict[str, Any]]:
             rows[name] = {
                 "before": _rms(errors.before[seen, k]),
                 "after": None if errors.after is None else _rms(errors.after[seen, k]),
-                "noise_floor": bed.repeatability[k],
+                "noise_floor": bed.deviations[k],
                 "unit": unit,
             }
     return rows
@@ -144,30 +243,7 @@ def _rms(errors: Floats) -> float:
     return float((errors**2).mean() ** 0.5)
 
 
-def _strength_words(parameters: Mapping[str, Any]) -> str:
-    """Return c and tan phi with their 95 % intervals, or why there are none."""
-    found = parameters["after"] or parameters["before"]
-    why: str = parameters["why"]
-    if found is None:
-        return f"{why[0].upper()}{why[1:]}."
-    ends = [
-        (
-            scale * (found[name] - NORMAL_95 * found[sd]),
-            scale * (found[name] + NORMAL_95 * found[sd]),
-        )
-        for name, sd, scale in (
-            ("cohesion_pa", "cohesion_sd_pa", 1e-3),
-            ("tan_phi", "tan_phi_sd", 1.0),
-        )
-    ]
-    (low_c, high_c), (low_t, high_t) = ends
-    return (
-        f"c {1e-3 * found['cohesion_pa']:.3g} kPa ({max(low_c, 0.0):.3g} to {high_c:.3g}), tan phi"
-        f" {found['tan_phi']:.3g} ({max(low_t, 0.0):.3g} to {high_t:.3g}), 95 % intervals."
-    )
-
-
-def wheel_sentence(outcome: WheelFinding, bed: Rig, cells: Cells) -> str:
+def wheel_sentence(outcome: WheelFinding, bed: Rig) -> str:
     """Return the verdict in words."""
     judgement = outcome.judgement
     labels = ", ".join(each.label for each in judgement.named)
@@ -183,7 +259,7 @@ def wheel_sentence(outcome: WheelFinding, bed: Rig, cells: Cells) -> str:
             f" {outcome.left[0]} row)"
         ),
     }[judgement.verdict]
-    before, after = outcome.held_out.rms(bed.repeatability)
+    before, after = outcome.held_out.rms(bed.deviations)
     if not outcome.held_out.described:
         words = f"{undescribed(before if after is None else after)}; {words}"
     proven = {None: "too few settings to prove it", True: "proven", False: "not proven"}[
@@ -193,8 +269,7 @@ def wheel_sentence(outcome: WheelFinding, bed: Rig, cells: Cells) -> str:
         ""
         if after is None
         else (
-            f"; held-out error from {before:.2f} to {after:.2f} deviations of repeatability,"
-            f" {proven}"
+            f"; held-out error from {before:.2f} to {after:.2f} deviations of measurement, {proven}"
         )
     )
-    return f"{words}{gap}. {_strength_words(_parameters(outcome, cells))}"
+    return f"{words}{gap}."

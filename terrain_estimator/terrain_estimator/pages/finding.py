@@ -14,6 +14,7 @@ from typing import Any
 
 from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.pages import finding_words as say
+from terrain_estimator.pages.opening import excluded
 from terrain_estimator.pages.page import page
 from terrain_estimator.pages.pictures import (
     AFTER,
@@ -72,8 +73,12 @@ def finding_page(finding: Finding, unsealed: Unsealed | None = None) -> str:
         unsealed=unsealed,
         asked=_asked(finding),
         where=_where(finding.get("where") or ()),
+        soils=finding.get("soils") or (),
+        soil_proof=say.sentence((finding.get("soil_proof") or {}).get("sentence", "")),
+        soil_refuted=say.soil_refuted(finding),
         candidates=listed,
         rest=rest,
+        excluded=excluded(finding["probabilities"]),
         effects=finding["effects"],
         effects_title=effects_title(finding),
         proof=_proof(finding),
@@ -103,7 +108,7 @@ def effects_title(finding: Finding) -> str:
 def _asked(finding: Finding) -> dict[str, Any]:
     told = {"rover": "", "soil": ""} | dict(finding.get("asked") or {})
     searched = {"runs": finding["runs"], "held_out": finding["held_out"]}
-    return told | searched | {"library": library(finding)}
+    return told | searched | {"library": library(finding), "damaged": finding.get("damaged") or {}}
 
 
 def library(finding: Finding) -> list[str]:
@@ -111,7 +116,7 @@ def library(finding: Finding) -> list[str]:
     return [
         name
         for name in finding["probabilities"]
-        if name not in {"none", "unknown"} and " + " not in name
+        if name not in {"none", "unknown", "soil"} and " + " not in name
     ]
 
 
@@ -362,7 +367,7 @@ def _cell(nats: float) -> dict[str, Any]:
 def _next(finding: Finding) -> dict[str, Any]:
     otherwise = (
         "There are no effects to separate."
-        if finding["verdict"] in {"none", "named"}
+        if finding["verdict"] in {"none", "soil", "named"}
         else "No drives were compared."
     )
     drives = finding.get("next_drives") or ()

@@ -9,6 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from terrain_estimator.pages.number_format import chance, interval, probability, words
+from terrain_estimator.pages.opening import opening
 from terramechanics.effects import EFFECTS
 
 
@@ -22,7 +23,7 @@ class Headline:
     sentence: Markup
 
 
-_SIGNS = {"none": "✓", "named": "●", "confusable": "≈", "unknown": "?"}
+_SIGNS = {"none": "✓", "soil": "●", "named": "●", "confusable": "≈", "unknown": "?"}
 
 
 def verdict(finding: Mapping[str, Any]) -> Headline:
@@ -30,6 +31,7 @@ def verdict(finding: Mapping[str, Any]) -> Headline:
     name = finding["verdict"]
     headline, sentence = {
         "none": _none,
+        "soil": _soil,
         "named": _named,
         "confusable": _confusable,
         "unknown": _unknown,
@@ -39,6 +41,17 @@ def verdict(finding: Mapping[str, Any]) -> Headline:
         headline = before + headline.removeprefix("The model lacks ")
         most = Markup("The most probable answer is that {} ({}). ")
         sentence = most.format(likely, probability(finding["probabilities"][leader])) + sentence
+    first = opening(finding)
+    if first:
+        sentence = first + Markup(" ") + sentence
+    if name != "soil" and (soils := finding.get("soils")):
+        before = (
+            "Other soil constants fit the searched runs, and did not hold on held-out runs"
+            if soil_refuted(finding)
+            else "The soil file does not fit, either"
+        )
+        found = "; ".join(map(soil_words, soils)).replace("+-", "±")
+        sentence += Markup(" {}: {}.").format(before, found)
     return Headline(name, _SIGNS[name], headline, sentence)
 
 
@@ -72,6 +85,7 @@ def what_it_is(name: str) -> str:
     """Describe the physics of a candidate; several effects get one sentence each."""
     special = {
         "none": "Nothing is missing.",
+        "soil": "The soil's constants differ from those of its file, and nothing else is missing.",
         "unknown": "Something is missing that is not among the considered effects.",
     }
     return special.get(name) or " ".join(
@@ -103,6 +117,38 @@ def _none(finding: Mapping[str, Any]) -> tuple[str, Markup]:
     return "No missing effect found", sentence.format(sure)
 
 
+def _soil(finding: Mapping[str, Any]) -> tuple[str, Markup]:
+    sentence = Markup(
+        "With these constants nothing else is missing (probability {}): {}. Measure the soil again,"
+        " or use the soil file written beside this page."
+    )
+    found = "; ".join(map(soil_words, finding["soils"])).replace("+-", "±")
+    return "The soil differs from its file", sentence.format(
+        probability(finding["probabilities"]["soil"]), found
+    )
+
+
+def sentence(text: str) -> str:
+    """Return ``text`` with a capital letter and a full stop; empty for an empty one."""
+    return f"{text[:1].upper()}{text[1:]}." if text else ""
+
+
+def soil_words(revision: Mapping[str, Any]) -> str:
+    """Return the constants of a revised soil that moved, in one line."""
+    moved = [
+        f"{name} {each['found']:.3g} +- {each['sd']:.1g} instead of {each['told']:.3g}"
+        for name, each in revision["constants"].items()
+        if name in revision["moved"]
+    ]
+    runs = "1 run" if revision["runs"] == 1 else f"{revision['runs']} runs"
+    return f"soil {revision['soil']} ({runs}): {', '.join(moved) or 'its file fits'}"
+
+
+def soil_refuted(finding: Mapping[str, Any]) -> bool:
+    """Return whether held-out runs contradict the revised constants."""
+    return (finding.get("soil_proof") or {}).get("holds") is False
+
+
 def _named(finding: Mapping[str, Any]) -> tuple[str, Markup]:
     effects = finding["effects"]
     sizes = Markup("; ").join(_size(each) for each in effects)
@@ -130,7 +176,20 @@ def _confusable(finding: Mapping[str, Any]) -> tuple[str, Markup]:
     return f"The model lacks {words(names, 'or')}", sentence.format(len(names), listed)
 
 
+def unseen_words(error: float, floor: float) -> str:
+    """Return the verdict in words where only rollouts, missing by ``error``, show that it fails."""
+    return (
+        "unknown: something is missing that no row of the fit shows; rollouts of held-out runs miss"
+        f" by {error:.2f} sd of the sensors, {error / floor:.1f} times the noise floor"
+    )
+
+
 def _unknown(finding: Mapping[str, Any]) -> tuple[str, Markup]:
+    if not finding["effects"] and (gap := finding.get("gap") or {}).get("before"):
+        said = unseen_words(gap["before"], gap["noise_floor"]).removeprefix("unknown: ")
+        return "Something is missing that no row shows", Markup("{}{}.").format(
+            said[0].upper(), said[1:]
+        )
     sure, closest = (
         probability(finding["probabilities"]["unknown"]),
         words([each["name"] for each in finding["effects"]]),
@@ -169,7 +228,7 @@ def _size(effect: Mapping[str, Any]) -> Markup:
 def disagreement(entry: Mapping[str, Any]) -> str:
     """Describe a disagreement between a row and the model."""
     if entry.get("sentence"):
-        return f"{entry['sentence'][0].upper()}{entry['sentence'][1:]}."
+        return sentence(entry["sentence"])
     region = f", {entry['region']}" if entry["region"] else ""
     return (
         f"{entry['row']} row, {entry['signal']}{region}: {entry['strength']:.2g} {entry['unit']} (p"

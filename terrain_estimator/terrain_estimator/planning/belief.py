@@ -10,9 +10,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
-from scipy.stats import qmc
 
+from terrain_estimator.distributions import normal_quantile
 from terrain_estimator.observation import Floats
 
 SAMPLES = 256
@@ -83,10 +82,19 @@ def widened(covariance: Floats, fit: Iterable[tuple[float, float]]) -> Floats:
 
 
 def _normal_numbers() -> Floats:
-    """Return quasi-random standard normal numbers [SAMPLES, 3]."""
-    points = qmc.Sobol(3, scramble=True, seed=0).random_base2(int(math.log2(SAMPLES)))
-    numbers: Floats = ndtri(points)
-    return numbers
+    """Return quasi-random standard normal numbers [SAMPLES, 3] with exact mean and covariance.
+
+    The points are a lattice by the plastic number, p**3 = p + 1 (Roberts 2018, The unreasonable
+    effectiveness of quasirandom sequences).
+    """
+    count = np.arange(SAMPLES)
+    plastic = 1.324717957244746
+    steps = np.array([1.0 / SAMPLES, 1.0 / plastic, 1.0 / plastic**2])
+    first = np.array([0.5 / SAMPLES, 0.5, 0.5])
+    numbers = normal_quantile((first + np.outer(count, steps)) % 1.0)
+    numbers -= numbers.mean(0)
+    root = np.linalg.cholesky(np.cov(numbers.T, bias=True))
+    return np.asarray(np.linalg.solve(root, numbers.T).T)
 
 
 _NUMBERS = _normal_numbers()

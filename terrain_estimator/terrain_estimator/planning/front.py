@@ -11,16 +11,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from terrain_estimator.observation import Floats
 from terrain_estimator.planning.belief import Samples
-from terramechanics.contact.stresses import in_range, quadrature, wheel_forces
-from terramechanics.terrain.soil import Soil
-from terramechanics.vehicle.rover import Rover
-from terramechanics.vehicle.suspension import Pose, level_pose, wheel_loads
+from terrain_estimator.planning.table import TractionTable
 
-_NODES = quadrature(6)
 STIFFNESS_DEVIATION = 0.25
 """[1] Deviation of the logarithm of the normal stress.
 
@@ -57,17 +52,12 @@ class FrontReading:
         )
 
 
-def front_load(rover: Rover, reading: FrontReading) -> float:
+def front_load(table: TractionTable, reading: FrontReading) -> float:
     """Return the normal force [N] of one front wheel; all wheels share in holding the slope."""
-    level = level_pose(rover, torch.zeros(1, dtype=torch.float64))
-    pitch = torch.tensor([reading.pitch], dtype=torch.float64)
-    angle = torch.from_numpy(np.nan_to_num(reading.contact_angle)).unsqueeze(0)
-    pose = Pose(level.x, level.height, pitch, level.bogie_angle, level.contact, angle, level.axle)
+    rover = table.rover
     share = rover.weight * math.sin(reading.pitch) / len(rover.wheels)
-    traction = torch.full((1, rover.axles), share, dtype=torch.float64)
-    return float(
-        wheel_loads(rover, pose, traction, torch.from_numpy(reading.torque).unsqueeze(0))[0, 0]
-    )
+    angle = np.nan_to_num(reading.contact_angle)
+    return float(table.loads(reading.pitch, angle, share, reading.torque)[0])
 
 
 TORQUE_DEVIATION = 0.08
@@ -78,22 +68,17 @@ It covers measured slip and sinkage, shear modulus, and the position of the larg
 
 
 def log_likelihood(
-    rover: Rover, soil: Soil, samples: Floats, reading: FrontReading, load: float
+    table: TractionTable, soil: int, samples: Floats, reading: FrontReading, load: float
 ) -> Floats:
     """Return the log-likelihood [n] of the front wheels' torque for each sample [n, 2] of ``soil``.
 
     ``load`` comes from :func:`front_load`.
     """
-    slip, sinkage = (
-        torch.tensor([value], dtype=torch.float64)
-        for value in (reading.slip[0], reading.sinkage[0])
-    )
-    constants = soil.constants().unsqueeze(0)
-    if not bool(in_range(slip, sinkage, constants, rover.wheel_radius)):
+    rover = table.rover
+    forces = table.wheel(soil, float(reading.slip[0]), float(reading.sinkage[0]))
+    if forces is None:
         return np.zeros(samples.shape[0])
-    normal, _, moment = wheel_forces(
-        slip, sinkage, constants, rover.wheel_radius, rover.wheel_width, _NODES
-    )[0].numpy()
+    normal, moment = forces
     cohesion, tan_phi = samples[:, 0], samples[:, 1]
     carried = load - cohesion * normal[0]
     stress = np.clip(carried / (tan_phi * normal[1] + normal[2]), 1e-3, 1e3)
@@ -104,11 +89,12 @@ def log_likelihood(
     return -0.5 * (miss**2 + (np.log(stress) / STIFFNESS_DEVIATION) ** 2)
 
 
-def front_samples(
-    rover: Rover, soils: tuple[Soil, ...], prior: Samples, reading: FrontReading
-) -> Samples:
+def front_samples(table: TractionTable, prior: Samples, reading: FrontReading) -> Samples:
     """Return the belief about the ground of the front wheels, given their torque."""
-    load, grounds = front_load(rover, reading), zip(soils, prior.strength, strict=True)
+    load = front_load(table, reading)
     return prior.reweighted(
-        tuple(log_likelihood(rover, soil, strength, reading, load) for soil, strength in grounds)
+        tuple(
+            log_likelihood(table, soil, strength, reading, load)
+            for soil, strength in enumerate(prior.strength)
+        )
     )

@@ -74,7 +74,7 @@ class Planner:
     ) -> None:
         """Set the prior of (c [Pa], tan phi) for ground that the rover has not seen yet."""
         self._table, self._config = table, config
-        even = tuple(1.0 for _ in table.soils)
+        even = (1.0,) * table.soils
         self._elsewhere = draw(np.asarray(prior_mean), np.diag(np.asarray(prior_sd) ** 2), even)
         self._recent: deque[Observation] = deque()
         self._standing: Observation | None = None  # the last observation, where the rover stands
@@ -171,7 +171,7 @@ class Planner:
         changed = max(self._belief.change_probability, NEW_GROUND)
         prior = here.or_else(self._elsewhere, min(changed, 1.0 - NEW_GROUND))
         table = self._table
-        samples = front_samples(table.rover, table.soils, prior, reading)
+        samples = front_samples(table, prior, reading)
         return stall_probability(
             table, samples, reading.pitch, self._config.slip_limit, self._config.pull_deviation
         )

@@ -6,24 +6,23 @@ The nonlinear statics are solved once; advice only looks up the table.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
-from scipy.interpolate import RegularGridInterpolator
 
 from terrain_estimator.observation import Floats
-from terramechanics.terrain.soil import Soil
-from terramechanics.vehicle.climbing import climb
+from terrain_estimator.planning.statics import (
+    COHESIONS,
+    ENTRY_ANGLES,
+    SLIPS,
+    STEEPNESSES,
+    TAN_PHIS,
+    Statics,
+    interpolate,
+)
 from terramechanics.vehicle.rover import Rover
 
-COHESIONS = (0.0, 1000.0, 2500.0, 5000.0, 9000.0)
-"""[Pa] Few values are enough: at given slip and sinkage, forces are affine in c and tan phi."""
-TAN_PHIS = (0.02, 0.15, 0.3, 0.5, 0.75, 1.1, 1.6)
-STEEPNESSES = (0.0, 0.6)
-"""[rad] Up and down are alike: the pull depends on the weight across the slope alone."""
-SLIPS = (-0.1, 0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.9)
+_GROUND = tuple(np.array(axis) for axis in (COHESIONS, TAN_PHIS, STEEPNESSES))
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,20 +33,17 @@ class Pulls:
     sinkage: Floats  # [m] mean over the axles
 
 
+@dataclass(frozen=True, slots=True)
 class TractionTable:
     """Statics of one rover on some soils."""
 
-    def __init__(self, rover: Rover, soils: Sequence[Soil]) -> None:
-        """Solve the statics at every point of the table, which takes some seconds."""
-        self.rover, self.soils = rover, tuple(soils)
-        self._lookups = [
-            RegularGridInterpolator((COHESIONS, TAN_PHIS, STEEPNESSES), _solve(rover, soil))
-            for soil in soils
-        ]
-        self._low, self._high = (
-            np.array([COHESIONS[0], TAN_PHIS[0], 0.0]),
-            np.array([COHESIONS[-1], TAN_PHIS[-1], STEEPNESSES[-1]]),
-        )
+    rover: Rover
+    statics: Statics
+
+    @property
+    def soils(self) -> int:
+        """Return the number of soils."""
+        return len(self.statics.pulls)
 
     def at(self, soil: int, strength: Floats, slope: Floats | float) -> Pulls:
         """Return the pulls of n grounds of one soil, with values clipped to the range of the table.
@@ -55,23 +51,37 @@ class TractionTable:
         ``strength`` [n, 2] is (c [Pa], tan phi), ``slope`` [n] or [] is in rad.
         """
         steepness = np.broadcast_to(np.abs(slope), strength.shape[:1])
-        places = np.clip(np.column_stack([strength, steepness]), self._low, self._high)
-        ratio, sinkage = np.moveaxis(self._lookups[soil](places), -1, 0)
+        places = np.column_stack([strength, steepness])
+        ratio, sinkage = np.moveaxis(interpolate(_GROUND, self.statics.pulls[soil], places), -1, 0)
         return Pulls(ratio, sinkage)
 
+    def wheel(self, soil: int, slip: float, sinkage: float) -> Floats | None:
+        """Return N [N] and M [N m] of one wheel, affine in (c [Pa], tan phi, 1): [2, 3].
 
-def _solve(rover: Rover, soil: Soil) -> Floats:
-    """Return ratio and sinkage [cohesions, tan phis, steepnesses, slips, 2]."""
-    axes = [
-        torch.tensor(axis, dtype=torch.float64)
-        for axis in (COHESIONS, TAN_PHIS, STEEPNESSES, SLIPS)
-    ]
-    cohesion, tan_phi, slope, slip = torch.cartesian_prod(*axes).unbind(1)
-    constants = soil.constants().expand(slip.shape[0], 6)
-    result = climb(rover, constants, torch.stack([cohesion, tan_phi], 1), slope, slip)
-    both = torch.stack([result.pull / (rover.weight * torch.cos(slope)), result.sinkage], 1)
-    values: Floats = both.view(*(len(axis) for axis in axes), 2).numpy()
-    return values
+        None where the contact law does not hold at this slip [1] and sinkage [m].
+        """
+        slips, radius = self.statics.wheel_slips[soil], self.rover.wheel_radius
+        if not (slips[0] <= slip <= slips[-1] and 0.0 < sinkage < radius):
+            return None
+        place = np.array([[slip, math.acos(1.0 - sinkage / radius)]])
+        forces: Floats = interpolate((slips, ENTRY_ANGLES), self.statics.wheel[soil], place)[0]
+        return forces
+
+    def loads(self, pitch: float, contact_angle: Floats, traction: float, torque: Floats) -> Floats:
+        """Return the normal force [axles] [N] of a wheel of each axle of a rover that holds still.
+
+        ``contact_angle`` [axles] [rad] is that of the ground relative to the body, ``traction`` [N]
+        that of every wheel, ``torque`` [axles] [N m] that of one wheel of each axle. Solves what
+        ``terramechanics.vehicle.suspension.wheel_loads`` solves.
+        """
+        one = np.ones_like(contact_angle)
+        angle = np.stack([np.cos(contact_angle), np.sin(contact_angle), one])
+        matrix = np.einsum("rafk,ka->raf", self.statics.balances, angle)[1:]
+        known = (matrix[..., 1] * traction + matrix[..., 2] * torque).sum(-1)
+        across = np.zeros(self.rover.axles)
+        across[0] = self.rover.weight * math.cos(pitch)
+        loads: Floats = np.linalg.solve(matrix[..., 0], across - known)
+        return loads
 
 
 def highest_ratio(pulls: Pulls, slip_limit: float) -> Floats:

@@ -23,7 +23,8 @@ from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.config.recorder import RecorderConfig
 from terrain_estimator.estimator.saved_state import pack_state
 from terrain_estimator.messaging.pipeline import Pipeline
-from terrain_estimator.model.model_file import LoadedModel, load_model
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.nodes.common.bag_thread import BagThread
 from terrain_estimator.nodes.common.state_file import StateFileWriter, restore
 from terrain_estimator.offline.state_files import read_state

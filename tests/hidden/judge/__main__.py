@@ -18,8 +18,10 @@ from terrain_estimator.offline.cluster import ClusterError, cluster
 from tests.hidden.judge.bars import bars
 from tests.hidden.judge.judging import Record, examine
 from tests.hidden.judge.page import page
-from tests.hidden.judge.strata import Batch, batches
+from tests.hidden.judge.strata import Batch, batches, field_batches
 
+FROZEN = "db42c2cfe2"
+"""Commit after which nothing that decides a verdict was changed."""
 PAGE = Path(__file__).parents[3] / "docs" / "hidden.md"
 
 
@@ -32,7 +34,9 @@ def main() -> int:
     path: Path = options.out / "cases.jsonl"
     options.out.mkdir(parents=True, exist_ok=True)
     found = _kept(path)
-    chosen = batches(whole=options.full)
+    chosen = batches(whole=options.full) + field_batches(options.frozen)
+    if options.field:
+        chosen = field_batches(options.frozen)
     known = {each["key"] for each in found}
     missing = [batch for batch in chosen if not known.issuperset(batch.keys)]
     try:
@@ -42,7 +46,7 @@ def main() -> int:
         return 2
     wanted = [key for batch in chosen for key in batch.keys]
     records = [each for each in found if each["key"] in wanted]
-    options.page.write_text(page(records, len(wanted)), encoding="utf-8")
+    options.page.write_text(page(records, len(wanted), options.frozen), encoding="utf-8")
     sys.stdout.write(f"{bars(records)}\n{options.page}: {len(records)} of {len(wanted)} cases\n")
     return 0
 
@@ -52,6 +56,14 @@ def _parser() -> argparse.ArgumentParser:
         prog="hidden", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--full", action="store_true", help="all cases, not only the sample")
+    parser.add_argument(
+        "--field", action="store_true", help="only the cases whose conditions are drawn"
+    )
+    parser.add_argument(
+        "--frozen",
+        default=FROZEN,
+        help="commit that froze the rule, the seed of those cases (default: %(default)s)",
+    )
     parser.add_argument(
         "--minutes",
         type=float,

@@ -14,7 +14,7 @@ from tests.hidden.judge.judging import Record
 
 CONFIDENCE = 0.95
 NAMES = ("exact", "set", "part", "wrong name")
-OUTCOMES = (*NAMES, "unknown", "none")
+OUTCOMES = (*NAMES, "unknown", "none", "soil")
 HARDER = ("payload", "grousers", "odometry_scale")
 Chosen = Callable[[Record], bool]
 
@@ -86,10 +86,30 @@ def _covered(each: Record) -> bool:
     return abs(size - each["equivalents"][0]) <= 1.96 * spread
 
 
+def _field(each: Record) -> bool:
+    return each["family"].startswith("field")
+
+
 SHARES = (
+    Share("field, all cases: right", _field, lambda each: each["right"], least=0.93, cases=500),
+    Share(
+        "field, something hidden: right",
+        lambda each: _field(each) and each["plan"] != "none",
+        lambda each: each["right"],
+        least=0.9,
+        cases=380,
+    ),
+    Share(
+        "field, one effect: 95 % interval of the size holds that of the nearest named law",
+        lambda each: each["family"] == "field, one effect" and each["outcome"] == "exact",
+        _covered,
+        least=0.9,
+        most=0.98,
+        cases=80,
+    ),
     Share(
         "nothing hidden, soil constants wrong by up to 5 %: anything named",
-        _family("none"), _named, most=0.05, cases=200,
+        _family("none"), _named, most=0.02, cases=400,
     ),
     Share("nothing hidden: unknown", _family("none"), _unknown, most=0.05, cases=200),
     Share("right name, or a confusable set with it", _matters, _right_name, least=0.95, cases=100),

@@ -8,7 +8,9 @@ What counts as right:
 - an effect at the size that matters: its name, or a confusable set with it; so for two at once;
 - an effect at a third or a tenth of that size: the same, or "none": it does not ruin the estimate.
   "Unknown" is not right;
-- an effect that the library lacks: "unknown".
+- an effect that the library lacks: "unknown";
+- where the soil is told wrongly and nothing else is hidden: "none" or "soil", the soil's constants
+  differ. With an effect hidden, too, the name of the effect is right.
 """
 
 import tempfile
@@ -22,11 +24,13 @@ from terrain_estimator.discovery.evidence.search import Study
 from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
-from terrain_estimator.discovery.proof.proof import Proof, prove, settled
+from terrain_estimator.discovery.proof.proof import Proof
+from terrain_estimator.discovery.proof.soil_proof import proven
 from terrain_estimator.discovery.report.finding import Finding, investigate
 from terrain_estimator.discovery.runs import Blocks
-from terrain_estimator.offline.discovery_runs import read_blocks
+from terrain_estimator.offline.reading_runs import read_run_of
 from terramechanics.presets import load_rover, load_soil
+from terramechanics.vehicle.rover import Rover
 from tests.hidden.cases import Case, Plan, Truth, draw_cases
 from tests.hidden.judge.strata import TOGETHER, Batch
 from tests.hidden.sealing import seal
@@ -57,25 +61,22 @@ def examine(batch: Batch) -> list[Record]:
 
 def _examined(case: Case) -> Record:
     with tempfile.TemporaryDirectory() as folder, torch.inference_mode():
-        answer = investigated(seal(case, Path(folder) / "bags"), case.truth.soil)
+        told = case.truth.plan.told or case.truth.soil
+        answer = investigated(seal(case, Path(folder) / "bags"), told, case.rover)
     return judged(case, answer)
 
 
-def investigated(bags: list[Path], soil: str) -> Answer:
+def investigated(bags: list[Path], soil: str, rover: Rover | None = None) -> Answer:
     """Investigate these bags like the command, the last held out; no pages are written."""
-    nominal = nominal_of(load_rover(ROVER), load_soil(soil))
-    found = [read_blocks(nominal, bag) for bag in bags[:-1]]
+    nominal = nominal_of(rover or load_rover(ROVER), load_soil(soil))
+    found = [read_run_of(nominal, bag).blocks for bag in bags[:-1]]
     studied = tuple(number for number, blocks in enumerate(found) if isinstance(blocks, Blocks))
-    unseen = read_blocks(nominal, bags[-1], held_out=True)
+    unseen = read_run_of(nominal, bags[-1], held_out=True).blocks
     study = Study(nominal, [blocks for blocks in found if isinstance(blocks, Blocks)])
     finding = investigate(study, singles(), read_thresholds(), lambda _share, _label: None)
-    proof = None
-    if isinstance(unseen, Blocks) and finding.judgement.verdict in (
-        Verdict.NAMED,
-        Verdict.CONFUSABLE,
-    ):
-        proof = prove(nominal, finding.best, [unseen])
-    return Answer(settled(finding, proof), finding, proof, studied)
+    runs = [unseen] if isinstance(unseen, Blocks) else []
+    outcome = proven(finding, study, runs)
+    return Answer(outcome.finding, finding, outcome.proof, studied)
 
 
 def outcome_of(finding: Finding, truth: tuple[str, ...]) -> str:
@@ -93,10 +94,10 @@ def outcome_of(finding: Finding, truth: tuple[str, ...]) -> str:
 def right(outcome: str, plan: Plan) -> bool:
     """Return whether an outcome is right."""
     if not plan.parts:
-        return outcome == "none"
+        return outcome == "none" or (bool(plan.told) and outcome == "soil")
     if plan.names == ("unknown",):
         return outcome == "unknown"
-    small = max(share for _, share in plan.parts) < 1.0
+    small = max(1.0 if share is None else share for _, share in plan.parts) < 1.0
     return outcome in ("exact", "set") or (small and outcome == "none")
 
 
@@ -112,6 +113,10 @@ def judged(case: Case, answer: Answer) -> Record:
         "before_proof": outcome_of(answer.asked, truth.plan.names),
         "named": [each.label for each in finding.judgement.named],
         "soil": truth.soil,
+        "told": truth.plan.told or truth.soil,
+        "soil_revised": finding.soil is not None,
+        "rover": truth.plan.rover or ROVER,
+        "noise": truth.plan.noise,
         "terrain": truth.terrain,
         "share": finding.gains.share,
         "explainable": finding.gains.explainable,

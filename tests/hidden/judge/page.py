@@ -27,6 +27,12 @@ where nothing is hidden? {done} of the {wanted} cases that were asked for are do
 - Limits are Clopper-Pearson, 95 %; those of medians and ratios are bootstrapped.
 
 """
+FIELD = """Cases of the **field** are drawn: one of four rovers (two have no model), one of three
+soils, the size from a range of the hidden law. In a third the soil is told wrongly (another
+preset), in a third the noise is 0.5 to 2 times the stated one. The rule of the verdict was frozen
+by commit {frozen}, whose first eight digits are the seed of these cases.
+
+"""
 VERDICTS = """## Verdicts
 
 A verdict is right in these cases:
@@ -37,13 +43,15 @@ A verdict is right in these cases:
 | an effect of the size that matters, or two at once | the name, or a set that contains it |
 | an effect of a third or a tenth of that size | the same, or "none" |
 | an effect that the library lacks | "unknown" |
+| nothing but a soil that is told wrongly | "none" or "soil" |
 
 "Part" means that one of two was named.
 
 """
 
 
-def page(records: list[Record], wanted: int) -> str:
+def page(records: list[Record], wanted: int, frozen: str) -> str:
     """Return the page of the cases that are done."""
     head = INTRODUCTION.format(measured=measured("hidden"), done=len(records), wanted=wanted)
-    return f"{head}{bars(records)}\n{VERDICTS}{outcomes(records)}"
+    field = FIELD.format(frozen=frozen)
+    return f"{head}{field}{bars(records)}\n{VERDICTS}{outcomes(records)}"

@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hidden cases to draw: families of plans and their numbers, in an order that can end anywhere."""
 
-from dataclasses import dataclass
+import math
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-from tests.hidden.cases import Plan
+from tests.hidden.cases import ROVERS, Plan
 from tests.hidden.generators import GENERATORS
 
 KNOWN = tuple(name for name, effect in GENERATORS.items() if effect.known)
@@ -70,15 +73,75 @@ def families() -> dict[str, tuple[list[Plan], int, int]]:
     }
 
 
+FIELD_SOILS = ("loose_sand", "regolith", "compact_sand")
+NEIGHBOUR = {"loose_sand": "regolith", "regolith": "loose_sand", "compact_sand": "loose_sand"}
+"""The soil that is told in a third of the cases of the field, instead of the true one."""
+LEAST_NOISE, MOST_NOISE = 0.5, 2.0
+"""[1] Deviation of the noise over the stated one, in another third."""
+
+
+def field_families() -> dict[str, tuple[list[Plan], int]]:
+    """Return the families of cases whose conditions are drawn, and the cases of each plan."""
+    return {
+        "field, nothing": ([Plan()], 120),
+        "field, one effect": ([Plan(((name, None),)) for name in KNOWN], 20),
+        "field, outside": ([Plan(((name, None),)) for name in OUTSIDE], 12),
+        "field, two effects": (
+            [Plan(((first, None), (second, None))) for first, second in PAIRS],
+            8,
+        ),
+    }
+
+
+def field_batches(frozen: str) -> list[Batch]:
+    """Return the cases of the field: rover, soil, what is told of it and noise are drawn.
+
+    ``frozen`` is the commit that froze the rule of the verdict: its first eight digits are the
+    seed, so that nobody could look at the cases before.
+    """
+    seed = int(frozen[:8], 16)
+    drawn = random.Random(seed)
+    families = {}
+    for family, (plans, cases) in field_families().items():
+        families[family] = [
+            Batch(family, _condition(plan, drawn), seed % 1_000_000_000 + turn, turn)
+            for turn in range(cases // TOGETHER)
+            for plan in plans
+        ]
+    return _in_step(list(families.values()))
+
+
+def _condition(plan: Plan, drawn: random.Random) -> Plan:
+    soil = drawn.choice(FIELD_SOILS)
+    wrong, noisy = drawn.random() < 1.0 / 3.0, drawn.random() < 1.0 / 3.0
+    power = drawn.uniform(math.log(LEAST_NOISE), math.log(MOST_NOISE))
+    return replace(
+        plan,
+        soil=soil,
+        told=NEIGHBOUR[soil] if wrong else "",
+        noise=math.exp(power) if noisy else 1.0,
+        rover=drawn.choice(sorted(ROVERS)),
+    )
+
+
+def _in_step(families: Sequence[Sequence[Batch]]) -> list[Batch]:
+    """Return all batches; families advance in step, so any first part samples every family."""
+    placed = [
+        ((place + 0.5) / len(turns), each) for turns in families for place, each in enumerate(turns)
+    ]
+    return [each for _, each in sorted(placed, key=lambda each: each[0])]
+
+
 def batches(*, whole: bool) -> list[Batch]:
-    """Return all batches; families advance in step, so that any first part samples every family."""
-    placed = []
+    """Return the batches of the families whose conditions are set."""
+    found = []
     for family, (plans, few, many) in families().items():
         count = (many if whole else few) // TOGETHER
-        turns = [
-            Batch(family, plan, SEED + batch, TOGETHER * (batch + turn))
-            for batch in range(count)
-            for turn, plan in enumerate(plans)
-        ]
-        placed += [((place + 0.5) / len(turns), each) for place, each in enumerate(turns)]
-    return [each for _, each in sorted(placed, key=lambda each: each[0])]
+        found.append(
+            [
+                Batch(family, plan, SEED + batch, TOGETHER * (batch + turn))
+                for batch in range(count)
+                for turn, plan in enumerate(plans)
+            ]
+        )
+    return _in_step(found)

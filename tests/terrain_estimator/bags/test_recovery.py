@@ -21,7 +21,7 @@ from terrain_estimator.bags import (
     recover,
 )
 from terrain_estimator.bags.reading.records import HEAD
-from terrain_estimator.cli.recover_bag import main, report
+from terrain_estimator.cli.recover_bag import main
 from tests.terrain_estimator.bags.support import (
     SLIP,
     TYPES,
@@ -300,7 +300,7 @@ def test_what_is_no_bag_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[s
 def test_a_whole_bag_stays_whole(tmp_path: Path) -> None:
     bag = finished_bag(tmp_path / "run")
     recovery = recover(bag, tmp_path / "new")
-    assert report(recovery) == "60 messages in 1.900 s recovered, none of 60 lost"
+    assert recovery.words == "60 messages in 1.900 s recovered, none of 60 lost"
     assert read(bag) == read(tmp_path / "new")
     with BagReader(bag) as old, BagReader(tmp_path / "new") as new:
         assert (new.custom, new.metadata["model"]) == (old.custom, old.metadata["model"])

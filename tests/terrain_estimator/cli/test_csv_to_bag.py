@@ -102,6 +102,39 @@ def test_a_bogie_angle_arrives_as_a_joint_nose_up(tmp_path: Path) -> None:
     np.testing.assert_allclose(first.effort, [0.05, 0.06, math.nan, math.nan])
 
 
+def test_a_rover_without_a_joint_neither_has_nor_misses_a_bogie_angle(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wheels = [{"name": name, "axle": axle} for axle, name in enumerate(("front", "rear"))]
+    rover = {key: value for key, value in ROVER.items() if "bogie" not in key}
+    rover |= {"axle_x": [0.2, -0.2], "wheels": wheels}
+    path = tmp_path / "two_axles.yaml"
+    path.write_text(yaml.safe_dump(rover, sort_keys=False), encoding="utf-8")
+    angle = {"column": "p", "unit": "deg", "positive": "nose_down"}
+    assert run(tmp_path, mapping(bogie_angle=angle), rover=str(path)) == 2
+    assert "bogie_angle: the rover tricycle has no joint: leave it out" in capsys.readouterr().err
+    assert run(tmp_path, mapping(), rover=str(path)) == 0
+    assert messages(tmp_path / "bag", "/joint_states")[0].name == ["front", "rear"]
+    assert "bogie_angle" not in capsys.readouterr().out
+
+
+def test_contact_angles_against_the_horizontal_are_turned_into_those_relative_to_the_body(
+    tmp_path: Path,
+) -> None:
+    """The body is 2 deg nose down on ground that climbs by 1 deg, 3 deg relative to the body."""
+    assert run(tmp_path, mapping(contact_angle_reference="horizontal")) == 0
+    sinkage = messages(tmp_path / "bag", "/wheel_sinkage")[0]
+    np.testing.assert_allclose(sinkage.contact_angle, [math.radians(3.0)] * 3)
+    np.testing.assert_allclose(sinkage.contact_angle_stddev, [math.radians(math.sqrt(0.5))] * 3)
+
+
+def test_without_a_pitch_an_angle_against_the_horizontal_is_not_measured(tmp_path: Path) -> None:
+    rows = ["0.5,100,,0.1,10,-20,12,11,60,60,5,6"]
+    changes = {"contact_angle_reference": "horizontal"}
+    assert run(tmp_path, mapping(**changes), [HEADER, *rows]) == 0
+    assert np.isnan(messages(tmp_path / "bag", "/wheel_sinkage")[0].contact_angle).all()
+
+
 def test_an_imu_says_which_of_its_parts_was_not_measured(tmp_path: Path) -> None:
     assert run(tmp_path, mapping(pitch=None)) == 0
     [first, *_] = messages(tmp_path / "bag", "/imu")
@@ -178,6 +211,14 @@ def test_the_example_of_the_documentation_converts(
         (
             {"slip_definition": "wong"},
             "slip_definition: 'wong' is unknown: give one of one_minus_v_over_rw, max_normalised",
+        ),
+        (
+            {"contact_angle_reference": "gravity"},
+            "contact_angle_reference: 'gravity' is unknown: give one of body, horizontal",
+        ),
+        (
+            {"contact_angle_reference": "horizontal", "pitch": None},
+            "contact_angle_reference: horizontal needs the pitch of the body: give pitch or",
         ),
         (
             {"wheels": [{"name": "front", "slip": "s1"}, {"name": "front"}]},

@@ -5,15 +5,17 @@
 import json
 import re
 import shutil
+from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
 from terrain_estimator.cli import find_missing_effect
 from terrain_estimator.cli.find_missing_effect import main
-from terrain_estimator.learning.finding_model import write_model
+from terrain_estimator.learning.finding_model import installed_model, write_model
 from terrain_estimator.model.model_file import load_model
-from terrain_estimator.model.rows import row_names
+from terrain_estimator.model.row_names import row_names
 from terramechanics.presets import load_rover
 from tests.hidden.cases import Plan, draw_cases
 from tests.hidden.sealing import seal
@@ -82,6 +84,7 @@ def test_a_drag_of_the_drives_is_named_with_its_size_and_written_to_a_file(
         (["--library", "gravity_waves"], "unknown effect 'gravity_waves'"),
         (["--library", "lateral_bulldozing"], "not testable here"),
         (["--soil", "cheese"], "cheese"),
+        (["--soil", "sunday=regolith"], "--soil sunday=regolith: 'sunday' is no run of this call"),
         (["--model", "nowhere.pt"], "nowhere.pt"),
         (
             ["--model", "paper_rover"],
@@ -173,6 +176,25 @@ def test_a_model_of_two_runs_is_said_to_be_unproven(
     assert main([*bags[:2], "--library", "drive_drag", "--out", str(tmp_path)]) == 0
     assert f"{tmp_path / 'model.pt'} (unproven: no run was held out)" in capsys.readouterr().out
     assert (tmp_path / "model.pt").is_file()
+
+
+def test_a_rover_that_differs_in_names_alone_has_the_installed_model(
+    bags: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mars, mine = load_rover("mars_rover"), tmp_path / "mine.yaml"
+    text = (files("terramechanics.presets") / "rovers/mars_rover.yaml").read_text(encoding="utf-8")
+    mine.write_text(text.replace("name: mars_rover", "name: my_rover"), encoding="utf-8")
+    assert installed_model(mars) == "mars_rover"
+    assert installed_model(replace(mars, mass=mars.mass + 1.0)) == ""
+    out = tmp_path / "out"
+    arguments = [*bags[:2], "--library", "drive_drag", "--rover", str(mine), "--out", str(out)]
+    assert main(arguments) == 0
+    said = capsys.readouterr()
+    assert (
+        "the model mars_rover is used: its rover differs from my_rover in names alone" in said.err
+    )
+    assert f"{out / 'model.pt'} (unproven" in said.out
+    assert load_model(str(out / "model.pt")).rover == load_rover(str(mine))
 
 
 def test_the_model_that_is_to_be_extended_is_never_removed(tmp_path: Path) -> None:

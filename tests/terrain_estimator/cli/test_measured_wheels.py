@@ -27,7 +27,7 @@ def test_measured_tables_are_read_and_replicates_are_one_setting() -> None:
         read_table(MEASURED / "README.md", "larger")
 
 
-def test_what_grousers_change_is_not_claimed_to_be_certain_and_repeats_closer_than_the_smooth_model(
+def test_two_settings_of_a_wheel_with_grousers_name_nothing(
     tmp_path: Path,
 ) -> None:
     out = tmp_path / "out"
@@ -52,6 +52,7 @@ def test_what_grousers_change_is_not_claimed_to_be_certain_and_repeats_closer_th
     finding = json.loads((out / "finding.json").read_text(encoding="utf-8"))
     assert finding["verdict"] != "named"
     assert finding["gap"]["proven"] is None
-    assert finding["parameters"]["after"] is None
-    for row in ("sinkage", "drawbar_pull"):
-        assert finding["gap"]["rows"][row]["after"] < finding["gap"]["rows"][row]["before"], row
+    assert finding["fits"]["constants_as_measured"] is None
+    # slip_sinkage gains less than a name needs, with an error of the law beside it
+    assert finding["verdict"] == "none"
+    assert finding["effects"] == []

@@ -18,7 +18,8 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.cli import train
 from terrain_estimator.learning.generation import Order
 from terrain_estimator.learning.restore import restore
-from terrain_estimator.model.model_file import MODELS, ModelFileError, load_model
+from terrain_estimator.model.metadata import MODELS, ModelFileError
+from terrain_estimator.model.model_file import load_model
 from terramechanics.presets import load_rover, load_soil
 
 SMALL = [

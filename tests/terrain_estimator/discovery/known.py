@@ -10,25 +10,27 @@ from terrain_estimator.discovery.evidence.search import Study
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
 from terrain_estimator.discovery.runs import RecordedRun, cut
 from terrain_estimator.learning.tasks import measure_tasks
+from terrain_estimator.model.row_names import row_names
 from terramechanics.effects import make_effect
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.sensors import Noise
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
+from terramechanics.vehicle.rover import Rover
 
 MARS, LOOSE = load_rover("mars_rover"), load_soil("loose_sand")
-SIZES = {"drive_drag": 0.5, "slope_bias": 0.01}
+SIZES = {"drive_drag": 0.5, "slope_bias": 0.01, "multipass": 0.3}
 
 
 @cache
-def drives(name: str) -> tuple[RecordedRun, ...]:
+def drives(name: str, rover: Rover = MARS) -> tuple[RecordedRun, ...]:
     """Return two drives of 25 s with the soil constants as in the file."""
     generator = torch.Generator().manual_seed(41)
     strength = torch.tensor([[2500.0, 0.6], [1500.0, 0.7]], dtype=torch.float64)
     plant = Plant([make_effect(name, SIZES[name])]) if name else None
     drive = simulate(
-        MARS, Ground([Patch(LOOSE.constants(), strength)]), "S1", 25.0, generator, 2, plant=plant
+        rover, Ground([Patch(LOOSE.constants(), strength)]), "S1", 25.0, generator, 2, plant=plant
     )
     packed = measure_tasks(drive, Noise(), generator).measured
     time = torch.arange(packed.shape[1], dtype=torch.float64) * 0.1
@@ -38,7 +40,8 @@ def drives(name: str) -> tuple[RecordedRun, ...]:
 
 
 @cache
-def study(name: str) -> Study:
-    nominal = nominal_of(MARS, LOOSE)
+def study(name: str, *, bogie_angle: bool = True, rover: Rover = MARS) -> Study:
+    nominal, rows = nominal_of(rover, LOOSE), row_names(rover.axles)
+    mask = torch.tensor([float(bogie_angle or "moment" not in row) for row in rows]).double()
     with torch.inference_mode():
-        return Study(nominal, [cut(run, nominal.contact) for run in drives(name)])
+        return Study(nominal, [cut(run, nominal.contact) for run in drives(name, rover)], mask)

@@ -54,13 +54,13 @@ def shifts_of(seen: Blocks, true: Blocks, strength: Tensor) -> tuple[Tensor, Ten
     around = rows.expansion(point, torch.ones(8, dtype=torch.float64))
     certain = Expansion(around.input_correction, torch.zeros_like(around.doubt))
     here = Expansion(torch.zeros_like(around.input_correction), certain.doubt)
-    exact = HypothesisRows(NOMINAL, true, LAWS).rows(point, here, changes_too=False)
+    exact = HypothesisRows(NOMINAL, true, LAWS).rows(point, here)
     theta = torch.cat([strength, torch.ones(1, dtype=torch.float64)])
     linear = exact.noise[0, :, 0] @ theta
     known = exact.features[0, :, 0] @ theta + (linear[:, :-1] * errors(seen, true)).sum(1)
     scale = linear.square().sum(1).sqrt()
     corrected, plain = (
-        (rows.rows(point, each, changes_too=False).features[0, :, 0] @ theta - known) / scale
+        (rows.rows(point, each).features[0, :, 0] @ theta - known) / scale
         for each in (around, certain)
     )
     return corrected, plain

@@ -42,7 +42,7 @@ def test_where_nothing_is_missing_rows_fit_to_their_noise_and_no_effect_is_worth
     assert best_of("", singles(("drive_drag", "slope_bias", "payload")))[1] < 2.0
 
 
-@pytest.mark.parametrize("name", SIZES)
+@pytest.mark.parametrize("name", ["drive_drag", "slope_bias"])
 def test_the_effect_that_is_missing_is_found_at_its_size(name: str) -> None:
     found, evidence = best_of(name, singles(("drive_drag", "slope_bias", "bulldozing")))
     assert found.hypothesis.names == (name,)

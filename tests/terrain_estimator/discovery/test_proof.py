@@ -15,7 +15,7 @@ from terrain_estimator.discovery.hypotheses.library import NOTHING, singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
 from terrain_estimator.discovery.proof.held_out import Half, Model, long_enough
 from terrain_estimator.discovery.proof.proof import LIKELIER, Proof, better, halves, prove, settled
-from terrain_estimator.discovery.proof.rollout import simulated, windows_of
+from terrain_estimator.discovery.proof.rollout import determined, simulated, windows_of
 from terrain_estimator.discovery.proof.terrain import track_of
 from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.discovery.runs import Blocks, RecordedRun, RunError, cut
@@ -127,6 +127,64 @@ def test_a_name_that_did_not_prove_itself_is_withdrawn() -> None:
     assert after.probabilities == pytest.approx({"none": 0.01, "unknown": 0.99, "drive_drag": 0.0})
     assert settled(finding, proven(2)) is finding
     assert settled(finding, None) is finding
+
+
+@pytest.mark.parametrize(
+    ("times", "verdict"), [(0.9, Verdict.NONE), (2.9, Verdict.NONE), (3.1, Verdict.UNKNOWN)]
+)
+def test_nothing_is_missing_only_where_rollouts_are_near_the_noise_floor(
+    times: float, verdict: Verdict
+) -> None:
+    proof = proven(2)
+    gap = dataclasses.replace(proof.gap, before=times * proof.gap.noise_floor, after=None)
+    chances = {"none": 0.9, "unknown": 0.06, "drive_drag": 0.04}
+    judgement = Judgement(Verdict.NONE, (), chances)
+    finding = Finding(judgement, cast("Gains", None), (found(),), found(), ())
+    judged = dataclasses.replace(proof, effect="", gap=gap)
+    assert settled(finding, dataclasses.replace(judged, encoders=False)) is finding
+    after = settled(finding, judged).judgement
+    assert after.verdict is verdict
+    assert after.named == ()
+    surprised = {"none": 0.0, "unknown": 0.96, "drive_drag": 0.04}
+    assert after.probabilities == pytest.approx(
+        surprised if verdict is Verdict.UNKNOWN else chances
+    )
+
+
+def test_a_drag_that_no_name_and_no_row_would_show_is_far_off_in_rollouts() -> None:
+    with torch.inference_mode():
+        gap = prove(nominal_of(MARS, LOOSE), None, [drives()[1][2]]).gap
+        null = prove(nominal_of(MARS, LOOSE), None, [drives()[1][3]]).gap
+    assert gap.far_off
+    assert not null.far_off
+
+
+def test_what_no_run_determined_does_not_raise_the_noise_floor() -> None:
+    prior_sd = torch.tensor([75.0, 10.0, 10.0], dtype=torch.float64)
+    spread = torch.tensor([0.4, 0.2, 10.0], dtype=torch.float64)
+    factor = determined(torch.diag(spread.square()), prior_sd)
+    kept = torch.diag(torch.tensor([0.4, 0.2, 0.0], dtype=torch.float64).square())
+    assert torch.allclose(factor @ factor.T, kept)
+
+
+def test_the_unknown_place_of_a_payload_does_not_raise_the_noise_floor() -> None:
+    """Without a bogie angle nothing tells where a payload stands."""
+    load = singles(("payload",))[0]
+    values = torch.tensor([15.0, 0.0, 0.0], dtype=torch.float64)
+    candidate = dataclasses.replace(found(), hypothesis=load)
+    floors = []
+    for place_sd in (0.01, 10.0):
+        covariance = torch.diag(torch.tensor([0.4, place_sd, place_sd]).double().square())
+        fit = dataclasses.replace(
+            candidate.fit,
+            point=candidate.fit.point.with_shared(values),
+            covariance=covariance,
+        )
+        loaded = dataclasses.replace(candidate, fit=fit)
+        with torch.inference_mode():
+            gap = prove(nominal_of(MARS, LOOSE), loaded, [drives()[1][3]]).gap
+        floors.append(gap.noise_floor)
+    assert floors[1] < 1.05 * floors[0]
 
 
 def nominal_halves() -> tuple[Model, tuple[Half, Half]]:

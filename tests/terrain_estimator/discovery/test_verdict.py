@@ -11,6 +11,7 @@ import pytest
 from studies.calibration.thresholds import CalibrationCase, thresholds
 from terrain_estimator.discovery.evidence.verdict import Gains, Thresholds, Verdict, is_pair, judge
 from terrain_estimator.discovery.hypotheses.library import Hypothesis, LibraryEffect
+from terrain_estimator.discovery.next_drive.missing_signals import MissingSignal
 from terrain_estimator.discovery.next_drive.next_drive import BESIDES, NextDrive, advise
 from terrain_estimator.discovery.single_wheel.investigation import shown_by_one_wheel
 from terrain_estimator.discovery.single_wheel.separation import separate_by
@@ -113,13 +114,21 @@ def test_confusable_effects_come_with_what_would_separate_them() -> None:
     best = NextDrive(
         "firm_ground", "on to firm ground", 40.0, 168.8, ("grousers", "odometry_scale")
     )
-    advice = advise(["grousers", "odometry_scale"], [best])
+    pair = ("grousers", "odometry_scale")
+    bogie = MissingSignal("bogie angle", 310.2, 4.1, pair, separates=True)
+    useless = MissingSignal("motor torque", 5.0, 4.1, pair, separates=False)
+    advice = advise(["grousers", "odometry_scale"], [best], [bogie, useless])
     assert advice.startswith(
         "Drive 40 s on to firm ground: 169 nat more are expected, if it is grousers, against"
         " odometry_scale"
     )
+    assert (
+        "Measure the bogie angle, too: with it 310 nat are expected of runs like these, if it is"
+        " grousers, against odometry_scale, instead of 4." in advice
+    )
+    assert "motor torque" not in advice
     assert "For odometry_scale alone: roll a measured distance" in advice
-    assert advise(["grousers", "grousers"], [best]) == ""
+    assert advise(["grousers", "grousers"], [best], [bogie]) == ""
     assert set(BESIDES) <= set(EFFECTS)
 
 

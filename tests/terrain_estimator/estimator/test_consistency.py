@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from terrain_estimator.estimator.consistency import (
     CHANGING,
@@ -16,7 +16,6 @@ from terrain_estimator.estimator.consistency import (
     DOUBTFUL,
     FALSE_ALARM,
     FEWEST,
-    LAGS,
     LARGEST,
     REST,
     WINDOWS,
@@ -24,8 +23,10 @@ from terrain_estimator.estimator.consistency import (
     SecondFit,
     limit,
     memory_limit,
+    normal_limit,
 )
-from terrain_estimator.model.rows import row_names
+from terrain_estimator.estimator.recent_seconds import LAGS
+from terrain_estimator.model.row_names import row_names
 from terrain_estimator.observation import Floats
 from terrain_estimator.update import Disagreement
 from tests.samples import sampled
@@ -338,3 +339,14 @@ def test_what_is_kept_is_bounded_and_enough_to_go_on() -> None:
     assert on.judge() == whole.judge()
     for name, kept in on.arrays().items():
         np.testing.assert_array_equal(kept, whole.arrays()[name])
+
+
+@pytest.mark.parametrize("probability", [FALSE_ALARM, DOUBTFUL])
+def test_the_quick_comparison_never_lets_a_failure_pass(probability: float) -> None:
+    normal = normal_limit(probability)
+    assert normal == pytest.approx(norm.isf(probability))
+    for degrees in (1, 2, 3, 5, 8, 13, 50, 200, 1000, 3900):
+        assert degrees + math.sqrt(2.0 * degrees) * normal < limit(probability, degrees)
+    for seconds in (20, 60, 137, 300):
+        for rows in (0.1, 1.0, 5.3, 13.0, 100.0):
+            assert normal < memory_limit(probability, seconds, rows)

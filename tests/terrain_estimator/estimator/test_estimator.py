@@ -14,10 +14,12 @@ from rover_parameters.records import ConfigError
 from studies.change.drives import Change, drive_over, places_of
 from studies.observations import STEP_NS, observations_of
 from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
-from terrain_estimator.estimator.estimator import Estimator, Report
+from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import Pipeline
-from terrain_estimator.model.model_file import LoadedModel, load_model
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.model_file import load_model
+from terrain_estimator.model.torchscript import TorchScriptRuntime
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import Update
@@ -109,9 +111,11 @@ def test_reset_starts_over_but_counts_on(model: LoadedModel, drive: list[Observa
 def test_a_block_whose_squared_distance_is_below_zero_is_a_numerical_failure(
     model: LoadedModel, drive: list[Observation], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    estimator, of = Estimator(model, CoreConfig()), Report.of
+    estimator, of = Estimator(model, CoreConfig()), TorchScriptRuntime.report
     known = [estimator.update(observation) for observation in drive[:50]][-1]
-    monkeypatch.setattr(Report, "of", lambda state: of(state)._replace(misfit=-2.0))
+    monkeypatch.setattr(
+        TorchScriptRuntime, "report", lambda self, state: of(self, state)._replace(misfit=-2.0)
+    )
     failed = estimator.update(drive[50])
     assert failed.decision.outcome is Outcome.NUMERICAL_FAILURE
     np.testing.assert_array_equal(failed.estimate.covariance, known.estimate.covariance)
@@ -222,7 +226,7 @@ def test_an_answer_that_must_not_be_published_refuses_the_open_second(
     estimator = Estimator(model, CoreConfig())
     for observation in drive[:23]:
         estimator.update(observation)
-    name = "terrain_estimator.estimator.estimator.unsound"
+    name = "terrain_estimator.estimator.estimator.unsound_answer"
     monkeypatch.setattr(name, lambda *_: "a number is none")
     update = estimator.update(drive[23])
     assert update.decision.outcome is Outcome.NUMERICAL_FAILURE

@@ -16,7 +16,8 @@ from terrain_estimator.estimator.intake import FEWEST, WINDOW, mostly_refused
 from terrain_estimator.estimator.persistence import FEWEST as FEWEST_CHANGES
 from terrain_estimator.estimator.persistence import Persistence
 from terrain_estimator.intervals import HALF_WIDTH_95
-from terrain_estimator.model.model_file import LoadedModel, load_model
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import Seconds, Update
@@ -208,10 +209,10 @@ def test_the_spread_is_the_mean_square_of_changes_within_one_step() -> None:
     moving, velocity = Persistence(), 0.1
     for k in range(1000):
         velocity += 0.01 if k % 2 else -0.03
-        moving = moving.observed(k * STEP_NS, velocity, 0.1)
+        moving = moving.observed(k * STEP_NS, velocity, one_step=k > 0)
         assert math.isnan(moving.forecast()[1]) == (k < FEWEST_CHANGES)
     mean, variance = moving.forecast()
     assert mean == velocity
     assert variance == pytest.approx(5e-4, rel=0.02)
-    after_gap = moving.observed(2000 * STEP_NS, 5.0, 0.1)
+    after_gap = moving.observed(2000 * STEP_NS, 5.0, one_step=False)
     assert after_gap.forecast() == (5.0, variance)

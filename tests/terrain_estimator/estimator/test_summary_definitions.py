@@ -21,7 +21,7 @@ from terrain_estimator.estimator.summary import (
     summarise,
 )
 from terrain_estimator.intervals import HALF_WIDTH_95, credible_interval
-from terrain_estimator.model.model_file import MODELS, read_metadata
+from terrain_estimator.model.metadata import MODELS, read_metadata
 
 METADATA = read_metadata(MODELS / "mars_rover.json")
 BELIEFS = Beliefs(np.array([2750.0, 0.6]), np.array([1300.0, 0.22]), ("a", "b"), (0.5, 0.5))

@@ -11,7 +11,8 @@ from terrain_estimator.bags import Types
 from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.pairing import RESTART_AFTER
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
-from terrain_estimator.model.model_file import LoadedModel, load_model
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.outcome import Outcome
 from tests.drives import STEP_NS, Event, drive_messages
 

@@ -29,8 +29,12 @@ from terrain_estimator.learning.tasks import (
     random_ground,
     uniform,
 )
-from terrain_estimator.model.packing import BLOCK, PACKED_SCALAR_FIELDS, PACKED_WHEEL_FIELDS
-from terrain_estimator.model.rows import row_names
+from terrain_estimator.model.packed_observation import (
+    BLOCK,
+    PACKED_SCALAR_FIELDS,
+    PACKED_WHEEL_FIELDS,
+)
+from terrain_estimator.model.row_names import row_names
 from terramechanics.effects import EFFECTS
 from terramechanics.effects.simulated import SimulatedEffect
 from terramechanics.presets import load_rover, load_soil

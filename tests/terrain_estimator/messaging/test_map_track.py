@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+import pytest
 
 from terrain_estimator.bags import Types
 from terrain_estimator.messaging.map_track import POINT, MapTrack, cloud_message
@@ -109,7 +110,9 @@ def test_stamps_that_go_back_begin_another_track_at_the_first_spacing() -> None:
 
 
 def test_the_cloud_is_laid_out_as_its_fields_say() -> None:
-    track = filled(5, spacing_m=0.0001)
+    track = MapTrack(0.0001, 1000)
+    for step in range(5):
+        track.add(estimate(step, 1000.0 + step), odometry(0.05 * step), lambda _: 0.2)
     message = cloud_message(track, TYPES.make, estimate(4.0).header)
     kinds = {7: "<f4", 8: "<f8"}
     described = np.dtype(
@@ -124,3 +127,18 @@ def test_the_cloud_is_laid_out_as_its_fields_say() -> None:
     points = np.frombuffer(message.data.tobytes(), dtype=described)
     assert (message.width, message.row_step) == (5, 5 * message.point_step)
     np.testing.assert_array_equal(points, track.points())
+    assert message.is_dense
+
+
+def test_a_climbable_slope_is_asked_for_once_a_point_and_may_be_unknown() -> None:
+    track, asked = MapTrack(0.1, 10), list[float]()
+
+    def climbable(message: Message) -> float:
+        asked.append(message.cohesion)
+        return 0.2 if message.cohesion > 1000.0 else math.nan
+
+    for step, cohesion in enumerate((1500.0, 1600.0, 900.0)):
+        track.add(estimate(step, cohesion), odometry(0.06 * step), climbable)
+    assert asked == [1500.0, 900.0]
+    assert track.points()["slope_limit"].tolist() == pytest.approx([0.2, math.nan], nan_ok=True)
+    assert not cloud_message(track, TYPES.make, estimate(4.0).header).is_dense

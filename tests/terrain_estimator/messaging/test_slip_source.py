@@ -144,6 +144,34 @@ def test_every_wheel_has_its_slip_in_the_order_of_the_rover_file() -> None:
     assert (message.slip_stddev > 0.0).all()
 
 
+def test_in_a_turn_every_wheel_has_the_slip_of_its_own_speed() -> None:
+    given, width, yaw_rate = velocity(0.1, 1e-4), 0.8, 0.1
+    given.twist.twist.angular.z, given.twist.covariance[35] = yaw_rate, 0.02**2
+    (message,) = published_of(RATES, given, track_width=width)
+    sides = [1.0 if wheel.side == "left" else -1.0 for wheel in ROVER.wheels]
+    speeds = [0.1 - yaw_rate * side * width / 2.0 for side in sides]
+    assert message.slip.tolist() == pytest.approx(
+        [1.0 - speed / (RADIUS * rate) for speed, rate in zip(speeds, RATES, strict=True)]
+    )
+    (straight,) = published_of(RATES, given)
+    assert straight.slip.tolist() == pytest.approx([1.0 - 0.1 / (RADIUS * w) for w in RATES])
+    exact = {"radius_deviation": 0.0}
+    (wide,), (narrow,) = (
+        published_of(RATES, given, track_width=each, **exact) for each in (width, 0.0)
+    )
+    ratio = math.hypot(0.01, 0.02 * width / 2.0) / 0.01
+    np.testing.assert_allclose(wide.slip_stddev, ratio * narrow.slip_stddev)
+
+
+@pytest.mark.parametrize(("yaw_rate", "variance"), [(math.nan, 1e-4), (0.1, math.inf)])
+def test_a_yaw_rate_that_cannot_be_used_is_refused(yaw_rate: float, variance: float) -> None:
+    given = velocity(0.1, 1e-4)
+    given.twist.twist.angular.z, given.twist.covariance[35] = yaw_rate, variance
+    with pytest.raises(SlipSourceError, match=r"yaw rate .*angular\.z and .*, or set track_width"):
+        published_of(RATES, given, track_width=0.8)
+    assert len(published_of(RATES, given)) == 1
+
+
 def test_a_wheel_that_stands_has_no_slip_and_one_that_turns_on_the_spot_slips_by_one() -> None:
     (message,) = published([0.0, math.nan, 1.0, 1.0, 1.0, -1.0], 0.0)
     assert (

@@ -25,7 +25,8 @@ from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.learning.adding import Sized, add_effects
 from terrain_estimator.model.effects import LAWS
-from terrain_estimator.model.model_file import LoadedModel, load_model
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Observation
 from terrain_estimator.update import Estimate
 from terramechanics.effects import describe, make_effect

@@ -23,13 +23,8 @@ from terrain_estimator.model.archive import (
     check_sources,
     checked_archive,
 )
-from terrain_estimator.model.model_file import (
-    MODELS,
-    ModelFileError,
-    fingerprint,
-    load_model,
-    model_names,
-)
+from terrain_estimator.model.metadata import MODELS, ModelFileError, fingerprint, model_names
+from terrain_estimator.model.model_file import load_model
 
 MODULE = "__torch__.terrain_estimator.model.palpaca"
 SHIPPED = (MODELS / f"{model_names()[0]}.pt").read_bytes()

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
@@ -32,7 +32,8 @@ from terrain_estimator.model.block import (
     solve_block,
     without_apparent,
 )
-from terrain_estimator.model.rows import Rows, row_names
+from terrain_estimator.model.row_names import row_names
+from terrain_estimator.model.rows import Rows
 
 AXLES, NET, CONSTANTS, SOURCES = 2, 2, 3, 4
 R, Q = AXLES + 5, AXLES + 6
@@ -471,6 +472,8 @@ def test_posteriors_in_two_rows_of_hypotheses_are_those_of_each_row() -> None:
         torch.testing.assert_close(alone.noise, together.noise[index])
 
 
+@example(seed=753362, noise=10.0)  # eight steps do not converge; apparent is indefinite
+@example(seed=188100, noise=0.6066)
 @settings(max_examples=25)
 @given(seed=st.integers(0, 10**6), noise=st.floats(1e-3, 10.0))
 def test_a_posterior_is_definite_whatever_the_noise(seed: int, noise: float) -> None:

@@ -14,16 +14,16 @@ import torch
 from torch import Tensor
 
 from rover_parameters.records import ConfigError, build
-from terrain_estimator.model.model_file import (
+from terrain_estimator.model.metadata import (
     DEFAULT_MODEL,
     MODELS,
     AddedEffect,
     ModelFileError,
     fingerprint,
-    load_model,
     model_names,
 )
-from terrain_estimator.model.packing import packed_size
+from terrain_estimator.model.model_file import load_model
+from terrain_estimator.model.packed_observation import packed_size
 from terramechanics.presets import load_rover, load_soil
 
 # What a program in another language would do, with torch alone: no package of this project, no

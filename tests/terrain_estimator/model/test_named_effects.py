@@ -18,11 +18,15 @@ from terrain_estimator.learning.adding import Sized, add_effects, with_effects
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.tasks import measure_tasks
 from terrain_estimator.model.effects import LAWS, NOT_ONLINE
-from terrain_estimator.model.model_file import AddedEffect, LoadedModel, ModelFileError, load_model
-from terrain_estimator.model.packing import TIMING, pack, packed_size, view_of
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.metadata import AddedEffect, ModelFileError
+from terrain_estimator.model.model_file import load_model
+from terrain_estimator.model.packed_observation import TIMING, pack, packed_size
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics_with_effects import PhysicsWithEffects
-from terrain_estimator.model.rows import row_names
+from terrain_estimator.model.row_names import row_names
+from terrain_estimator.model.torchscript import torchscript_model
 from terrain_estimator.observation import Observation
 from terrain_estimator.update import Estimate, Update
 from terramechanics.effects import EFFECTS, describe, make_effect
@@ -88,7 +92,7 @@ def in_python(plain: LoadedModel, *effects: Sized) -> LoadedModel:
     )
     module = with_effects(plain, effects)
     metadata = dataclasses.replace(plain.metadata, effects=added)
-    return LoadedModel(module, metadata)  # type: ignore[arg-type]
+    return torchscript_model(module, metadata)  # type: ignore[arg-type]
 
 
 def answered(model: LoadedModel, observations: list[Observation]) -> list[Update]:
@@ -197,7 +201,9 @@ def test_the_exported_model_gives_the_numbers_of_the_python_model(
     with torch.inference_mode(), plainly:
         here, there = module.initial(), loaded.module.initial()
         for observation in measured(driven(plain, "payload", 10.0, 1.2)):
-            packed = pack(observation, observation.torque, 0.1, linked=True, rates=True)
+            packed = torch.from_numpy(
+                pack(observation, observation.torque.tolist(), 0.1, linked=True, rates=True)
+            )
             here, there = module.update(here, packed), loaded.module.update(there, packed)
         for name in REPORT:
             torch.testing.assert_close(
@@ -213,7 +219,7 @@ def test_a_wheel_whose_rate_is_not_known_is_left_out(plain: LoadedModel) -> None
     unknown = dataclasses.replace(
         observation, wheel_rate=np.where([True, False, True], observation.wheel_rate, np.nan)
     )
-    packed = pack(unknown, unknown.torque, 0.1, linked=True, rates=True)
+    packed = torch.from_numpy(pack(unknown, unknown.torque.tolist(), 0.1, linked=True, rates=True))
     assert torch.isnan(view_of(packed, 3).slip).tolist() == [False, True, False]
     assert packed.shape[0] == packed_size(3) + 3
 
@@ -249,7 +255,7 @@ def test_a_model_of_another_version_is_refused_with_what_to_do(plain: LoadedMode
     values = plain.module.state_dict()
     values["of_old"] = values.pop("physics.stencil_moves")
     other = SimpleNamespace(state_dict=lambda: values)
-    old = dataclasses.replace(plain, module=other)  # type: ignore[arg-type]
+    old = dataclasses.replace(plain, module=other)
     with pytest.raises(
         ModelFileError,
         match=(

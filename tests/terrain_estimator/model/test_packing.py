@@ -10,16 +10,18 @@ import pytest
 import torch
 from torch import Tensor
 
-from terrain_estimator.model.packing import (
+from terrain_estimator.model.packed_observation import (
     GROUPS,
     PACKED_SCALAR_FIELDS,
     PACKED_WHEEL_FIELDS,
-    PackedView,
     ground_torque,
     link,
     pack,
     packed_size,
     scalar_fields,
+)
+from terrain_estimator.model.packing import (
+    PackedView,
     view_of,
     with_contact_angle,
     with_pitch,
@@ -50,7 +52,7 @@ def observation() -> Observation:
 
 def packed(*, rates: bool, linked: bool = True) -> Tensor:
     seen = observation()
-    return pack(seen, seen.torque, STEP_S, linked=linked, rates=rates)
+    return torch.from_numpy(pack(seen, seen.torque.tolist(), STEP_S, linked=linked, rates=rates))
 
 
 @pytest.mark.parametrize("rates", [False, True])

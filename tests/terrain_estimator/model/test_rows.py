@@ -6,32 +6,24 @@ import pytest
 import torch
 from torch import Tensor
 
-from studies.accuracy.scores import MeasuredDrives, draw_drives, row_mask
+from studies.accuracy.scores import TIMES_S, MeasuredDrives, draw_drives, row_mask
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.physics_with_effects import nominal_of
-from terrain_estimator.model.rows import (
-    PA_PER_UNIT,
-    Rows,
-    frame_of,
-    regression_rows,
-    row_names,
-    rows_at,
-)
+from terrain_estimator.model.row_names import row_names
+from terrain_estimator.model.rows import PA_PER_UNIT, Rows, frame_of, regression_rows, rows_at
 from terramechanics.presets import load_rover, load_soil
+from terramechanics.vehicle.rover import Rover
+from tests.rovers import KINDS, MARS
 from tests.samples import sampled
 
 EPISODES = 20
 NAMES = row_names(3)
-BALANCES = [
-    NAMES.index(name)
-    for name in ("load", "torque_0", "torque_1", "torque_2", "moment", "bogie_moment")
-]
 
 
-def drives(soil: str) -> MeasuredDrives:
-    return draw_drives(load_rover("mars_rover"), load_soil(soil), "S1", EPISODES, 0.0, 11)
+def drives(soil: str, rover: Rover = MARS, seconds: float = TIMES_S[-1]) -> MeasuredDrives:
+    return draw_drives(rover, load_soil(soil), "S1", EPISODES, 0.0, 11, duration_s=seconds)
 
 
 def flat(observations: Tensor, found: MeasuredDrives) -> Tensor:
@@ -49,24 +41,28 @@ def strength(found: MeasuredDrives) -> Tensor:
     ).unsqueeze(-1)
 
 
-def test_every_balance_of_the_simulated_rover_holds_at_the_true_inputs() -> None:
+@pytest.mark.parametrize("rover", KINDS, ids=lambda rover: rover.name)
+def test_every_balance_of_the_simulated_rover_holds_at_the_true_inputs(rover: Rover) -> None:
     """The simulator solves the same equations to 1e-6 of the weight.
 
     It has twice the quadrature points; torques agree to a per mille.
     """
-    found = drives("loose_sand")
+    found = drives("loose_sand", rover, seconds=10.0)
     packed = flat(found.tasks.true, found)
-    model = physics_alone(load_rover("mars_rover"), load_soil("loose_sand"), exact=True)
+    model = physics_alone(rover, load_soil("loose_sand"), exact=True)
+    names = row_names(rover.axles)
+    balances = [row for row, name in enumerate(names) if name not in ("velocity", "acceleration")]
+    assert ("bogie_moment" in names) == bool(rover.suspension)
     rows = regression_rows(packed, packed, nominal_of(model.physics).nominal_contact())
     predicted = (rows.features[0] @ strength(found)).squeeze(-1)
     scale = torch.where(
         rows.target.abs().amax(0) > 0.0,
         rows.target.abs().amax(0),
-        torch.ones(len(NAMES), dtype=torch.float64),
+        torch.ones(len(names), dtype=torch.float64),
     )
     missed = ((rows.target - predicted) / scale * rows.used).abs().amax(0)
-    assert float(missed[BALANCES].max()) < 2e-4, dict(zip(NAMES, missed.tolist(), strict=True))
-    assert float(rows.used[:, BALANCES].mean()) > 0.99
+    assert float(missed[balances].max()) < 2e-4, dict(zip(names, missed.tolist(), strict=True))
+    assert float(rows.used[:, balances].mean()) > 0.99
 
 
 def test_rows_expanded_where_they_agree_are_unbiased_where_the_sinkage_is_shallow() -> None:

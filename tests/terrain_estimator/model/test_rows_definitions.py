@@ -12,14 +12,15 @@ from torch import Tensor
 
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.model.agreement import LARGEST_ERROR, agreement
-from terrain_estimator.model.packing import (
+from terrain_estimator.model.packed_observation import (
     PACKED_SCALAR_FIELDS,
     PACKED_WHEEL_FIELDS,
     packed_size,
-    view_of,
 )
+from terrain_estimator.model.packing import view_of
+from terrain_estimator.model.physics import UNCERTAIN, uncertain_constants
 from terrain_estimator.model.physics_with_effects import nominal_of, with_changes
-from terrain_estimator.model.prior import UNCERTAIN, uncertain_constants
+from terrain_estimator.model.row_names import row_names
 from terrain_estimator.model.rows import (
     MOMENT_VARIANCE,
     ContactModel,
@@ -27,12 +28,12 @@ from terrain_estimator.model.rows import (
     Rows,
     drive_row,
     regression_rows,
-    row_names,
     without_excess,
 )
 from terrain_estimator.model.stencil import OWN, stencil
-from terramechanics.contact.stresses import CONSTANTS, wheel_forces
+from terramechanics.contact.stresses import wheel_forces
 from terramechanics.presets import load_rover, load_soil
+from terramechanics.terrain.soil import CONSTANTS
 
 ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")
 A = len(ROVER.axle_x)

@@ -11,8 +11,9 @@ from torch import Tensor
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.tasks import draw_tasks
 from terrain_estimator.model.hypotheses import HAZARD, ZERO_PRECISION
-from terrain_estimator.model.model_file import LoadedModel, load_model
-from terrain_estimator.model.packing import BLOCK, PACKED_SCALAR_FIELDS
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.model_file import load_model
+from terrain_estimator.model.packed_observation import BLOCK, PACKED_SCALAR_FIELDS
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.parameters import ROVER_PARAMETERS
 from terrain_estimator.model.velocity import MEMORY, OPEN

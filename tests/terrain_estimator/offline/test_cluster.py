@@ -17,6 +17,7 @@ from terrain_estimator.learning.regression import Regression
 from terrain_estimator.offline.cluster import ClusterError, cluster
 from terramechanics.presets import load_rover, load_soil
 from tests.samples import sampled
+from tests.terrain_estimator.fleet.fleets import Processes, free_port, kill, wait_for
 
 ORDER = Order(
     load_rover("mars_rover"), load_soil("loose_sand"), drives=45, seed=11, duration_s=3.0, share=0.4
@@ -60,3 +61,26 @@ def test_a_scheduler_that_does_not_answer_is_an_error_that_names_it(
         pass
     assert main(["--rover", "mars_rover", "--scheduler", "tcp://127.0.0.1:9"]) == 2
     assert "127.0.0.1:9" in capsys.readouterr().err
+
+
+def refuse(item: int) -> int:
+    raise FileNotFoundError(item)
+
+
+def test_what_a_function_raises_is_raised_and_is_not_a_lost_scheduler() -> None:
+    with cluster("", workers=1) as spread, pytest.raises(FileNotFoundError):
+        list(spread(refuse, [1]))
+
+
+def test_a_result_that_stayed_with_a_lost_scheduler_is_an_error_that_says_so() -> None:
+    with Processes() as processes:
+        port = str(free_port())
+        address = f"127.0.0.1:{port}"
+        scheduler = processes.start("dask", "scheduler", "--port", port, "--no-dashboard")
+        processes.start("dask", "worker", address, "--no-nanny", "--no-dashboard")
+        with cluster(address) as spread:
+            future = spread.start(abs, -1)
+            wait_for(future.done, "an item")
+            kill(scheduler)
+            with pytest.raises(ClusterError, match="the scheduler was lost"):
+                spread.result(future)

@@ -3,6 +3,7 @@
 """find_missing_effect reads bags as the estimator does, and names what it cannot use."""
 
 import dataclasses
+import re
 from argparse import ArgumentParser
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,12 +12,14 @@ import numpy as np
 import pytest
 import torch
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.bags import Types
 from terrain_estimator.discovery.runs import RecordedRun, RunError
 from terrain_estimator.model.packing import view_of
 from terrain_estimator.offline.bag_options import BagOptions, add_options, reading_of
-from terrain_estimator.offline.discovery_runs import read_run
-from terrain_estimator.offline.finding_file import asked
+from terrain_estimator.offline.finding_file import asked, soil_sums
+from terrain_estimator.offline.reading_runs import read_run
+from terrain_estimator.offline.run_soils import run_soils
 from terrain_estimator.offline.topic_mapping import TopicError
 from tests.drives import ROVER, Event, drive_messages, write_bag
 
@@ -111,14 +114,50 @@ def test_a_run_without_a_usable_observation_says_what_was_refused_and_why(
 def test_a_finding_says_with_which_topics_and_parameters_the_bags_were_read() -> None:
     told = asked(
         "my_rover",
-        "sand",
+        run_soils(["compact_sand"], [Path("monday")], ROVER),
         0,
         reading("--remap", "odom:=/inertial", "-p", "torque_noise.relative:=0.1"),
     )
     assert told == {
         "rover": "my_rover",
-        "soil": "sand",
+        "soil": "compact_sand",
         "seed": 0,
         "topics": {"odom": "/inertial"},
         "parameters": {"torque_noise.relative": 0.1},
     }
+
+
+def test_every_run_has_its_soil_or_that_of_all_others() -> None:
+    runs = [Path("a/monday"), Path("b/tuesday"), Path("b/wednesday")]
+    given = ["b/tuesday=regolith", "compact_sand", "monday=loose_sand"]
+    found = run_soils(given, runs, ROVER)
+    assert list(found.names.values()) == ["loose_sand", "regolith", "compact_sand"]
+    assert [soil.name for soil in found.soils.values()] == list(found.names.values())
+    assert asked("my_rover", found, 0, BagOptions())["soils"] == {
+        "a/monday": "loose_sand",
+        "b/tuesday": "regolith",
+        "b/wednesday": "compact_sand",
+    }
+    sums = soil_sums(found)
+    assert set(sums) == {"soil loose_sand", "soil regolith", "soil compact_sand"}
+    assert len(set(sums.values())) == 3
+    assert set(run_soils([], runs, ROVER).names.values()) == {"loose_sand"}
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (["sunday=regolith"], "--soil sunday=regolith: 'sunday' is no run of this call"),
+        (["mondai=regolith"], "did you mean monday?"),
+        (["monday=cheese"], "cheese"),
+        (["regolith", "compact_sand"], "regolith is given for all runs already"),
+        (["monday=regolith", "a/monday=compact_sand"], "run a/monday has the soil regolith"),
+        (["hills=regolith"], "a/hills and b/hills have that name: give the path"),
+    ],
+)
+def test_a_soil_of_an_unknown_run_and_an_unknown_soil_are_refused_by_name(
+    given: list[str], words: str
+) -> None:
+    runs = [Path("a/monday"), Path("a/hills"), Path("b/hills")]
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        run_soils(given, runs, ROVER)

@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -79,6 +80,34 @@ def test_the_answers_are_those_of_one_process(monkeypatch: pytest.MonkeyPatch) -
     assert len(both) == 2 * 60
 
 
+def _send_messages(pipe: Any) -> None:
+    pipe.send(messages(Pipeline(load_model(), EstimatorConfig())))
+
+
+def test_a_worker_answers_alone_in_a_daemonic_process_and_in_a_thread() -> None:
+    expected = messages(Pipeline(load_model(), EstimatorConfig()))
+    here, there = multiprocessing.Pipe()
+    process = multiprocessing.get_context("fork").Process(
+        target=_send_messages, args=(there,), daemon=True
+    )
+    process.start()
+    there.close()
+    assert here.recv() == expected
+    process.join()
+
+    children: list[int] = []
+
+    def count_children() -> None:
+        with answering(Pipeline(load_model(), EstimatorConfig())):
+            children.append(len(multiprocessing.active_children()))
+
+    thread = threading.Thread(target=count_children)
+    thread.start()
+    thread.join()
+    count_children()
+    assert children == [0, 1]
+
+
 class Failing:
     """A pipeline whose estimator fails."""
 
@@ -100,7 +129,7 @@ class Dying:
 def test_an_error_in_the_second_process_ends_both(
     pipeline: Any, error: type[Exception], words: str
 ) -> None:
-    batch = [(CAUSE, Conversion(3, None))]
+    batch: Converted = [(CAUSE, Conversion(3, None))]
     with pytest.raises(error, match=words), answering(pipeline) as answered:
         list(answered([batch, batch, batch]))
     assert not multiprocessing.active_children()

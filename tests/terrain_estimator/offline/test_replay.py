@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,13 +21,20 @@ from terrain_estimator.files.atomic import write_file
 from terrain_estimator.messaging.messages import Status
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model
-from terrain_estimator.offline.replay import Replay
+from terrain_estimator.offline.replay_result import Replay
 from terrain_estimator.offline.state_files import read_state
 from terrain_estimator.offline.summary import print_table
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
 from tests.drives import START_NS, STEP_NS, Event, drive_messages, write_bag
-from tests.terrain_estimator.offline.replays import SECONDS, estimates, identical, run
+from tests.live import live_pipeline
+from tests.terrain_estimator.offline.replays import (
+    SECONDS,
+    estimates,
+    identical,
+    run,
+    with_estimates,
+)
 
 
 def test_every_instant_gets_an_estimate_and_the_summary_says_so(
@@ -162,7 +170,7 @@ def test_readings_at_50_hz_are_averaged_and_the_summary_names_their_rate(
     result = summary["bags"][0]
     assert result["rates"] == [{"hz": 50.0, "treatment": "AVERAGE", "readings": 80}]
     assert "80 readings at 50 Hz, averaged to 10 Hz" in capsys.readouterr().out
-    live = Pipeline(load_model(), EstimatorConfig())
+    live = live_pipeline()
     answers = [each for topic, _, message in events for each in live.add(topic, message)]
     answers += live.flush()
     replayed = estimates(tmp_path / "out/fast_estimates")
@@ -292,7 +300,8 @@ def test_parameters_change_the_estimate_and_are_part_of_its_origin_and_of_the_re
     _, plain = run(tmp_path / "plain", bag)
     code, changed = run(tmp_path / "changed", bag, "--params-file", path, "--report", page)
     assert code == 0
-    assert changed["configuration_sha256"] != plain["configuration_sha256"]
+    sha256 = changed["bags"][0]["configuration_sha256"]
+    assert sha256 != plain["bags"][0]["configuration_sha256"]
     assert estimates(tmp_path / "changed/drive_estimates")[0].tan_phi == pytest.approx(0.5, abs=0.1)
     assert set(estimates(tmp_path / "changed/drive_estimates")[-1].rows) == {
         "velocity",
@@ -311,7 +320,7 @@ def test_parameters_change_the_estimate_and_are_part_of_its_origin_and_of_the_re
     not_default = "Not at their defaults: use_torque, prior.tan_phi_mean and prior.tan_phi_sd."
     for words in (
         changed["model_sha256"],
-        changed["configuration_sha256"],
+        sha256,
         not_default,
         "Banerjee",
     ):
@@ -324,27 +333,13 @@ def test_the_comparison_finds_a_live_estimate_that_differs(
     run(tmp_path / "live", bag)
     for spoil in (False, True):
         folder = tmp_path / f"recorded_{spoil}"
-        with (
-            BagWriter(folder) as writer,
-            BagReader(bag) as inputs,
-            BagReader(tmp_path / "live/drive_estimates") as outputs,
-        ):
-            names = INPUT_TYPES | OUTPUT_TYPES
-            topics = {
-                f"/{name}": writer.add_topic(f"/{name}", type_name)
-                for name, type_name in names.items()
-            }
-            for number, raw in enumerate([*inputs.messages(), *outputs.messages()]):
-                message = outputs.decode(raw) if raw.topic == "/terrain_estimate" else None
-                if spoil and message is not None and message.sequence == 40:
-                    message = dataclasses.replace(
-                        message, cohesion=np.nextafter(message.cohesion, np.inf)
-                    )
-                writer.write(
-                    topics[raw.topic],
-                    raw.data if message is None else outputs.types.serialize(message),
-                    number,
-                )
+
+        def spoilt(message: Any, wrong: int = 40 if spoil else -1) -> Any:
+            other = message.sequence == wrong
+            cohesion = np.nextafter(message.cohesion, np.inf) if other else message.cohesion
+            return dataclasses.replace(message, cohesion=cohesion)
+
+        with_estimates(folder, bag, tmp_path / "live/drive_estimates", spoilt)
         code, summary = run(tmp_path / f"out_{spoil}", folder, "--compare")
         assert code == (replay.DIFFERENT if spoil else 0)
         assert summary["bags"][0]["identical_to_live"] is not spoil

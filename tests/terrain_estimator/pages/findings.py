@@ -23,7 +23,9 @@ def finding(verdict: str) -> dict[str, Any]:
         "confusable": ["drive_drag", "coulomb_drag"],
         "unknown": ["slope_bias"],
         "none": [],
+        "soil": [],
     }[verdict]
+    soil = verdict == "soil"
     added = verdict in ("named", "confusable")
     return {
         "verdict": verdict,
@@ -42,6 +44,10 @@ def finding(verdict: str) -> dict[str, Any]:
             else []
         ),
         "where": [] if verdict == "none" else _WHERE,
+        "soils": [_SOIL] if soil else [],
+        "soil_proof": {"sentence": "the revised soil constants hold on held-out runs"}
+        if soil
+        else None,
         "gap": (
             _GAP
             if added
@@ -90,7 +96,26 @@ def _proof(*, added: bool) -> dict[str, Any]:
     }
 
 
+_SOIL = {
+    "soil": "loose_sand",
+    "runs": 2,
+    "file": "soils/loose_sand_found.yaml",
+    "moved": ["n", "shear_modulus"],
+    "constants": {
+        "n": {"told": 1.1, "found": 1.013, "sd": 0.0225},
+        "shear_modulus": {"told": 0.025, "found": 0.0181, "sd": 0.0005},
+        "c2": {"told": 0.32, "found": 0.319, "sd": 0.0065},
+    },
+}
 _PROBABILITIES = {
+    "soil": {
+        "drive_drag": 0.001,
+        "coulomb_drag": 0.0,
+        "slope_bias": 0.0,
+        "soil": 0.98,
+        "none": 0.0,
+        "unknown": 0.019,
+    },
     "named": {
         "drive_drag": 0.9906521,
         "coulomb_drag": 0.0091760,

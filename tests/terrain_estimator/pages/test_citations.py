@@ -5,7 +5,7 @@
 import re
 from pathlib import Path
 
-from terrain_estimator.model.model_file import MODELS, read_metadata
+from terrain_estimator.model.metadata import MODELS, read_metadata
 from terrain_estimator.pages.citations import citations
 
 ROOT = Path(__file__).parents[3]

@@ -21,7 +21,7 @@ def test_the_same_finding_gives_the_same_page() -> None:
     assert report("named") == finding_page(finding("named"))
 
 
-@pytest.mark.parametrize("verdict", ["none", "named", "confusable", "unknown"])
+@pytest.mark.parametrize("verdict", ["none", "soil", "named", "confusable", "unknown"])
 def test_the_report_names_no_outside_address(verdict: str) -> None:
     text = report(verdict)
     assert (
@@ -37,6 +37,7 @@ def test_the_report_names_no_outside_address(verdict: str) -> None:
     ("verdict", "headline"),
     [
         ("none", "No missing effect found"),
+        ("soil", "The soil differs from its file"),
         ("named", "The model lacks drive_drag"),
         ("confusable", "The model lacks drive_drag or coulomb_drag"),
         ("unknown", "Something is missing that no considered effect explains"),
@@ -46,6 +47,19 @@ def test_the_headline_says_the_verdict_in_words(verdict: str, headline: str) -> 
     text = report(verdict)
     assert f"<h1>{headline}</h1>" in text
     assert f"<title>{headline}</title>" in text
+
+
+def test_constants_that_differ_are_listed_with_the_file_and_its_proof() -> None:
+    text = report("soil")
+    assert "n 1.01 ± 0.02 instead of 1.1, shear_modulus 0.0181 ± 0.0005 instead of 0.025" in text
+    assert "c2 0.319" not in text  # within two deviations: only in the table
+    assert "Soil file: soils/loose_sand_found.yaml" in text
+    assert "The revised soil constants hold on held-out runs." in text
+    beside = finding("named") | PLAIN | {"soils": finding("soil")["soils"]}
+    assert "The soil file does not fit, either: soil loose_sand (2 runs): n 1.01" in finding_page(
+        beside
+    )
+    assert 'id="soils"' not in report("named")
 
 
 def test_an_unknown_verdict_names_the_dependence_and_a_name_that_held_out_runs_refuted() -> None:
@@ -62,6 +76,17 @@ def test_an_unknown_verdict_names_the_dependence_and_a_name_that_held_out_runs_r
     assert (
         "slope_bias fitted the searched runs, but did not improve the prediction of the held-out"
         " runs." in finding_page(refuted)
+    )
+
+
+def test_an_unknown_that_only_rollouts_show_says_so() -> None:
+    surprised = finding("unknown") | {"effects": []}
+    surprised["gap"] |= {"before": 6.5, "noise_floor": 1.3}
+    text = finding_page(surprised)
+    assert "<h1>Something is missing that no row shows</h1>" in text
+    assert (
+        "Something is missing that no row of the fit shows; rollouts of held-out runs miss by 6.50"
+        " sd of the sensors, 5.0 times the noise floor." in text
     )
 
 

@@ -28,6 +28,17 @@ def finding(*, described: bool, none: float = 0.436) -> dict[str, Any]:
             "described": described,
             "rows": {"sinkage": row},
         },
+        "fits": {
+            "effects": [],
+            "constants_free": {
+                "rows": {"sinkage": {"rms": 0.002, "unit": "m"}},
+                "unknowns": 7,
+                "measurements": 5,
+            },
+            "constants_as_measured": None,
+            "why": "c and tan phi are not identified",
+            "shear_box": None,
+        },
         "limits": [],
         "left_out": [],
         "asked": {"wheel": "w", "soil": "s", "reference": [], "reference_lacks": []},
@@ -53,7 +64,7 @@ def test_the_headline_agrees_with_the_table_and_with_the_held_out_errors(
 ) -> None:
     page = wheel_page(finding(described=described, none=none))
     assert re.findall("<h1>(.*)</h1>", page) == [headline]
-    assert ("14 deviations of repeatability, more than" in page) is not described
+    assert ("14 deviations of measurement, more than" in page) is not described
     assert ("Also possible: slip_sinkage" in page) is (none < 0.5)
 
 
@@ -78,4 +89,4 @@ def test_an_effect_that_leaves_large_errors_is_not_called_the_answer(
     given["gap"]["rows"]["sinkage"]["after"] = 0.013
     page = wheel_page(given)
     assert re.findall("<h1>(.*)</h1>", page) == [headline]
-    assert "13 deviations of repeatability, more than" in page
+    assert "13 deviations of measurement, more than" in page

@@ -8,9 +8,10 @@ import numpy as np
 import torch
 
 from studies.observations import observations_of
-from terrain_estimator.model.model_file import MODELS, read_metadata
+from terrain_estimator.model.metadata import MODELS, read_metadata
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.belief import Belief
+from terrain_estimator.planning.solving import solve_statics
 from terrain_estimator.planning.table import TractionTable
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.sample import Drive
@@ -19,6 +20,7 @@ from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
 
 ROVER = load_rover("mars_rover")
+SOIL = load_soil("loose_sand")
 METADATA = read_metadata(MODELS / "mars_rover.json")
 FIRM, SOFT = (3000.0, 0.75), (500.0, 0.3)
 """c [Pa] and tan phi of ground that holds the rover, and of ground that does not."""
@@ -28,7 +30,7 @@ BORDER_M = 1.5
 @cache
 def table() -> TractionTable:
     """Return the statics of the rover on loose sand alone: a third of the work."""
-    return TractionTable(ROVER, (load_soil("loose_sand"),))
+    return TractionTable(ROVER, solve_statics(ROVER, (SOIL,)))
 
 
 def belief(
@@ -47,7 +49,7 @@ def belief(
 @cache
 def simulated() -> Drive:
     """Return a level drive from firm onto soft ground."""
-    constants = load_soil("loose_sand").constants()
+    constants = SOIL.constants()
     firm, soft = (torch.tensor(strength, dtype=torch.float64) for strength in (FIRM, SOFT))
     ground = Ground(
         [Patch(constants, firm, name="firm"), Patch(constants, soft, BORDER_M, name="soft")]

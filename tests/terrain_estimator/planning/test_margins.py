@@ -10,9 +10,10 @@ import torch
 
 from terrain_estimator.planning.belief import draw, quantiles
 from terrain_estimator.planning.margins import Margins, margins, stall_probability
-from terrain_estimator.planning.table import SLIPS, slip_for, steepest
+from terrain_estimator.planning.statics import SLIPS
+from terrain_estimator.planning.table import slip_for, steepest
 from terramechanics.vehicle.climbing import climb
-from tests.terrain_estimator.planning.support import FIRM, ROVER, SOFT, belief, table
+from tests.terrain_estimator.planning.support import FIRM, ROVER, SOFT, SOIL, belief, table
 
 LIMIT = 0.6
 
@@ -33,7 +34,7 @@ def test_a_look_up_is_near_the_statics(strength: tuple[float, float], slope: flo
     looked_up = table().at(0, np.array([strength]), slope)
     slips = torch.tensor(SLIPS, dtype=torch.float64)
     constants, ground = (
-        table().soils[0].constants().expand(len(SLIPS), 6),
+        SOIL.constants().expand(len(SLIPS), 6),
         torch.tensor([strength], dtype=torch.float64).expand(len(SLIPS), 2),
     )
     exact = climb(ROVER, constants, ground, torch.full_like(slips, slope), slips)

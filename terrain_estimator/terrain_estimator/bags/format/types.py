@@ -16,6 +16,7 @@ from rosbags.typesys.store import Typestore
 from rover_parameters.records import shortened
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.format.definitions import Definition, installed_definition, parse
+from terrain_estimator.bags.format.layout import Layout
 
 Message = Any  # a dataclass made at run time: its attributes are the message's fields
 MOST_OBJECTS = 500_000
@@ -107,6 +108,18 @@ class Types:
             raise BagError(msg)
         return cls(**values)
 
+    def fields(self, type_name: str) -> Sequence[tuple[str, FieldDesc]]:
+        """Return names and kinds of a type's fields in order, as rosbags has them.
+
+        A type that was not added before is taken from the sourced workspace.
+
+        Raises:
+            BagError: the type is not installed.
+        """
+        if type_name not in self._store.types:
+            self.add(installed_definition(type_name))
+        return self._store.fielddefs[type_name][1]
+
     def serialize(self, message: Message) -> bytes:
         """Return the CDR bytes, little-endian, padding zero."""
         return bytes(self._store.serialize_cdr(message, message.__msgtype__, little_endian=True))
@@ -128,6 +141,18 @@ class Types:
             raise BagError(
                 f"{len(data)} bytes are not a {type_name} ({shortened(str(error))})"
             ) from error
+
+    def layout(self, data: bytes, type_name: str) -> Layout | None:
+        """Return the layout of messages like this one, which :meth:`deserialize` takes.
+
+        None where they are read one by one.
+        """
+        return Layout.of(
+            data,
+            type_name,
+            self._store.fielddefs,
+            lambda changed: self.deserialize(changed, type_name),
+        )
 
     def _deserialize(self, data: bytes, type_name: str) -> Message:
         """Deserialize; where that fails, without bytes that a serializer left at the end."""
@@ -176,9 +201,7 @@ class Types:
     ) -> tuple[type[Any], dict[str, Callable[[], Any]], dict[str, Callable[[Any], Any]]]:
         plan = self._plans.get(type_name)
         if plan is None:
-            if type_name not in self._store.types:
-                self.add(installed_definition(type_name))
-            fields = self._store.fielddefs[type_name][1]
+            fields = self.fields(type_name)
             defaults = {name: self._default(field) for name, field in fields}
             plan = (
                 self._store.types[type_name],

@@ -18,6 +18,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.format.definitions import Definition, installed_definition, type_hash
+from terrain_estimator.bags.format.layout import Layout
 from terrain_estimator.bags.format.metadata import (
     METADATA_FILE,
     ROSBAG2_RECORD,
@@ -98,11 +99,17 @@ class BagReader:
         return max(0.0, (self._stored.span.last_ns - last) / 1e9)
 
     @property
+    def losses(self) -> list[str]:
+        """Return what is or may be missing from the bag, one sentence each."""
+        return [
+            self._unfinished_note(file) for file in self._files if not file.contents.finished
+        ] + self._left_out
+
+    @property
     def notes(self) -> list[str]:
         """Return what a user should know about the state of the bag, one sentence each."""
         return (
-            [self._unfinished_note(file) for file in self._files if not file.contents.finished]
-            + self._left_out
+            self.losses
             + [note for file in self._files for note in file.contents.notes]
             + self.schema_differences()
         )
@@ -154,6 +161,10 @@ class BagReader:
                 " leave out this topic or record again"
             )
             raise BagError(msg) from error
+
+    def layout(self, message: RawMessage) -> Layout | None:
+        """Return the layout of a message that :meth:`decode` has taken; None where it has none."""
+        return self.types.layout(message.data, message.type_name)
 
     def prepare(self, name: str) -> None:
         """Make a topic's message classes, which takes a few milliseconds.
@@ -295,14 +306,18 @@ def _files_of_folder(folder: Path) -> tuple[list[Path], StoredMetadata | None]:
 
 def numbered_files(folder: Path, endings: tuple[str, ...] = (".mcap",)) -> list[Path]:
     """Return the files of a folder with these endings by number; BagError where there are none."""
-    files = sorted(
-        (file for file in folder.iterdir() if file.name.endswith(endings)),
-        key=lambda file: (int((re.findall(r"_(\d+)\.\D", file.name) or ["0"])[-1]), file.name),
-    )
-    if not files:
+    names = in_order(file.name for file in folder.iterdir() if file.name.endswith(endings))
+    if not names:
         msg = f"{folder} is not a bag: it has neither {METADATA_FILE} nor an .mcap file"
         raise BagError(msg)
-    return files
+    return [folder / name for name in names]
+
+
+def in_order(names: Iterable[str]) -> list[str]:
+    """Return names of a bag's files by number."""
+    return sorted(
+        names, key=lambda name: (int((re.findall(r"_(\d+)\.\D", name) or ["0"])[-1]), name)
+    )
 
 
 def _merge_topics(files: list[StorageFile]) -> dict[str, TopicInfo]:

@@ -57,6 +57,28 @@ class Recovery:
         """
         return max(self.gaps + self.cut, (self.expected or 0) - self.span.count)
 
+    @property
+    def words(self) -> str:
+        """What was recovered, and what was lost."""
+        damage, span = self.damage, self.span
+        if not span.count:
+            return "; ".join(["no message is left", *self.notes])
+        parts = [f"{span.count} messages in {span.duration_ns / 1e9:.3f} s recovered"]
+        if self.expected is None:
+            parts.append(
+                f"{self.lost or 'none'} lost before the last one; it is unknown whether"
+                " more followed"
+            )
+        else:
+            parts.append(f"{self.lost or 'none'} of {self.expected} lost")
+        if damage.torn:
+            parts.append(f"{damage.torn} cut off")
+        if damage.chunks:
+            parts.append(f"{damage.chunks} chunks damaged")
+        if damage.passed_over:
+            parts.append(f"{damage.passed_over} bytes unreadable")
+        return "; ".join([", ".join(parts), *self.notes])
+
 
 def recover(source: Path, target: Path) -> Recovery:
     """Write what can be read of a bag folder or MCAP file to a new bag; ``source`` is not touched.

@@ -24,8 +24,8 @@ from terrain_estimator.bags.format.types import Message, Types
 from terrain_estimator.bags.writing.compaction import compact
 from terrain_estimator.bags.writing.part import BagPart, BagTopic
 from terrain_estimator.bags.writing.syncing import sync_folder
-from terrain_estimator.bags.writing.worker import Worker
 from terrain_estimator.files.atomic import discard
+from terrain_estimator.files.worker import Worker
 
 UNSETTLED = 100
 """Finished files that may wait for the disk.

@@ -10,7 +10,7 @@ nothing in place of j the one of i over "nothing is missing" (``expected``).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 
 import torch
 from torch import Tensor
@@ -106,6 +106,11 @@ def matrix(stages: Sequence[Stage], found: Sequence[Signature]) -> Tensor:
     return nats
 
 
+def between(stages: Sequence[Stage], true: Signature, other: Signature) -> float:
+    """Return the expected log Bayes factor [nat] of the ``true`` signature over another one."""
+    return loss(stages, table(true, [other]), other.ends).nats
+
+
 _PROMISING = 0.01
 """[1] Share that a first step of another effect has to explain to be looked at."""
 
@@ -139,16 +144,31 @@ def signatures(
     study: Study, hypotheses: Sequence[Hypothesis], around: Candidate
 ) -> list[Signature]:
     """Return the signatures of hypotheses in all runs."""
-    nominal, mask, found = study.nominal, study.mask, around.fit
-
-    def of_run(run: Blocks, where: tuple[Unknowns, Expansion]) -> list[Signature]:
-        return run_signatures(nominal, run, mask, hypotheses, *where)
-
+    of_run = partial(
+        _signatures_there,
+        nominal=study.nominal,
+        mask=study.mask,
+        hypotheses=tuple(hypotheses),
+    )
     every = study.contributions(
         of_run,
-        [(own, each.around) for own, each in zip(found.point.runs, found.equations, strict=True)],
+        [
+            (own, each.around)
+            for own, each in zip(around.fit.point.runs, around.fit.equations, strict=True)
+        ],
     )
     return [reduce(Signature.joined, each) for each in zip(*every, strict=True)]
+
+
+def _signatures_there(
+    run: Blocks,
+    where: tuple[Unknowns, Expansion],
+    *,
+    nominal: Nominal,
+    mask: Tensor,
+    hypotheses: Sequence[Hypothesis],
+) -> list[Signature]:
+    return run_signatures(nominal, run, mask, hypotheses, *where)
 
 
 @torch.inference_mode()

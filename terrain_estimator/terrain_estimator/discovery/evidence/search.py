@@ -24,7 +24,7 @@ from terrain_estimator.discovery.leftover.flexible import Flexible, flexible, no
 from terrain_estimator.discovery.progress import ProgressCallback
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.packing import view_of
-from terrain_estimator.model.rows import row_names
+from terrain_estimator.model.row_names import row_names
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,21 +147,53 @@ class Study:
 
         ``values`` as ``Fit.point.shared``.
         """
-        free = hypothesis.shared()
-        pinned = Shared(values, values, free.sd, free.step)  # a range without width
-        start = self.nothing.fit.point.with_shared(values)
+        first = self._held(hypothesis, values, most=9)
         evaluate, columns = self._evaluate(hypothesis), self._plain.columns
-        known = [each.by_constant for each in self.nothing.fit.equations]
-        first = fit(evaluate, start, pinned, columns, known, most=9)
         unknown: list[Tensor | None] = [None] * len(self.runs)
+        pinned = _pinned(hypothesis, values)
         return Candidate(hypothesis, fit(evaluate, first.point, pinned, columns, unknown, most=3))
 
+    def _held(self, hypothesis: Hypothesis, values: Tensor, most: int) -> Fit:
+        start = self.nothing.fit.point.with_shared(values)
+        known = [each.by_constant for each in self.nothing.fit.equations]
+        columns = self._plain.columns
+        pinned = _pinned(hypothesis, values)
+        return fit(self._evaluate(hypothesis), start, pinned, columns, known, most=most)
+
+    def predict_at(self, hypothesis: Hypothesis, values: Tensor) -> float:
+        """Predict the gain [nat] over nothing of a hypothesis with these values, held there."""
+        nothing = self.nothing.fit
+        found = predict(
+            self._evaluate(hypothesis),
+            nothing.point.with_shared(values),
+            _pinned(hypothesis, values),
+            self._plain.columns,
+            nothing.equations,
+        )
+        return found.given - nothing.given
+
+    def explain_from(self, hypothesis: Hypothesis, values: Tensor) -> Candidate:
+        """Fit a hypothesis from these values, to which the runs' own unknowns were fitted first."""
+        return self.fit_from(hypothesis, self._held(hypothesis, values, most=5).point)
+
     def refine(self, candidate: Candidate, *, most: int = 8) -> Candidate:
-        """Fit a candidate until nothing moves, with its own columns of the soil constants."""
-        evaluate, sizes = self._evaluate(candidate.hypothesis), candidate.hypothesis.shared()
-        unknown: list[Tensor | None] = [None] * len(self.runs)
-        found = fit(evaluate, candidate.fit.point, sizes, self._plain.columns, unknown, most=most)
+        """Fit a candidate until nothing moves, with its own columns of the soil constants.
+
+        A run whose ground ends IMPROBABLY far from the prior may be in another minimum, where a fit
+        without the effect had led it: it is also begun anew at the prior's mean, and the better fit
+        is kept.
+        """
+        found = self._settled(candidate.hypothesis, candidate.fit.point, most)
+        anew = _from_prior(found.point)
+        if anew is not found.point:
+            again = self._settled(candidate.hypothesis, anew, 2 * most)
+            found = max(found, again, key=lambda each: each.log_evidence)
         return dataclasses.replace(candidate, fit=found)
+
+    def _settled(self, hypothesis: Hypothesis, start: Point, most: int) -> Fit:
+        unknown: list[Tensor | None] = [None] * len(self.runs)
+        evaluate, sizes = self._evaluate(hypothesis), hypothesis.shared()
+        return fit(evaluate, start, sizes, self._plain.columns, unknown, most=most)
 
     def with_discrepancy(self, candidate: Candidate) -> Candidate:
         """Return a candidate with a flexible discrepancy on top.
@@ -197,6 +229,30 @@ class Study:
         return Candidate(candidate.hypothesis, found, weights)
 
 
+IMPROBABLE = 3.0
+"""[1] Prior deviations of c or tan phi beyond which a run is fitted anew from the prior's mean."""
+
+
+def _from_prior(point: Point) -> Point:
+    """Return a point whose improbable grounds are at the prior's mean; the same if none is."""
+    runs = []
+    for own in point.runs:
+        mean, precision = own.prior_moments()
+        ground = 2 + own.kappa.shape[0]
+        off = ((own.flat() - mean).square() * precision)[:2].amax()
+        back = torch.zeros_like(mean)
+        back[:ground] = (mean - own.flat())[:ground]
+        runs.append(own.moved(back) if off > IMPROBABLE**2 else own)
+    changed = any(after is not before for after, before in zip(runs, point.runs, strict=True))
+    return dataclasses.replace(point, runs=tuple(runs)) if changed else point
+
+
+def _pinned(hypothesis: Hypothesis, values: Tensor) -> Shared:
+    """Return shared unknowns that cannot leave these values: a range without width."""
+    free = hypothesis.shared()
+    return Shared(values, values, free.sd, free.step)
+
+
 def _spread(power: Tensor, row_of: Tensor) -> Tensor:
     """Return the deviation of each weight: root mean square over the weights of its row."""
     total = torch.zeros(int(row_of.max()) + 1, dtype=torch.float64).index_add_(0, row_of, power)
@@ -228,40 +284,101 @@ def velocities_of(run: Blocks) -> Tensor:
 FITTED, REFINED = 5, 2
 """Hypotheses that are fitted in full at most, and those that are fitted until nothing moves."""
 PROMISING = 0.25
-"""[1] Share of the largest gain that is predicted below which a hypothesis is not fitted."""
+"""[1] Share of the largest foreseen gain below which a hypothesis is not fitted."""
 RIVAL = 0.7
 """[1] Share of the best's gain below which another hypothesis is no rival and is not refined."""
 WORTHLESS = 2.0
 """[nat] Largest predicted gain of hypotheses that explain nothing: then only the best is fitted."""
 
 
-def search(
+@dataclass(frozen=True, slots=True)
+class Foreseen:
+    """The best fit of a hypothesis that one evaluation predicts."""
+
+    hypothesis: Hypothesis
+    point: Point
+    log_evidence: float
+
+
+def foresee(
     study: Study,
     hypotheses: Sequence[Hypothesis],
     progress: ProgressCallback,
     after: Candidate | None = None,
-) -> list[Candidate]:
-    """Return the most probable hypotheses, best first.
+) -> list[Foreseen]:
+    """Return what one evaluation predicts of each hypothesis, the most probable first.
 
     ``after`` is a candidate whose effects come first in all of them.
-
-    What one evaluation predicts of each decides which are fitted.
     """
-    predicted = []
+    found = []
     for number, hypothesis in enumerate(hypotheses):
-        progress(0.5 * number / len(hypotheses), hypothesis.label)
-        predicted.append((*study.predict(hypothesis, after), hypothesis))
-    predicted.sort(key=lambda each: -each[1])
+        progress(number / len(hypotheses), hypothesis.label)
+        found.append(Foreseen(hypothesis, *study.predict(hypothesis, after)))
+    return sorted(found, key=lambda each: -each.log_evidence)
+
+
+def search(
+    study: Study,
+    foreseen: Sequence[Foreseen],
+    progress: ProgressCallback,
+    after: Candidate | None = None,
+) -> list[Candidate]:
+    """Fit the hypotheses of which something is foreseen; return them, the most probable first.
+
+    ``after`` is as in :func:`foresee`.
+    """
     base = (after or study.nothing).fit.log_evidence
-    gain = predicted[0][1] - base
+    gain = foreseen[0].log_evidence - base
     best = [
-        each for each in predicted[:FITTED] if each[1] - base > max(PROMISING * gain, WORTHLESS)
-    ] or predicted[:1]
+        each
+        for each in foreseen[:FITTED]
+        if each.log_evidence - base > max(PROMISING * gain, WORTHLESS)
+    ] or foreseen[:1]
     candidates = []
-    for number, (point, _, hypothesis) in enumerate(best):
-        progress(0.5 + 0.5 * number / len(best), hypothesis.label)
-        candidates.append(study.fit_from(hypothesis, point))
+    for number, each in enumerate(best):
+        progress(number / len(best), each.hypothesis.label)
+        candidates.append(study.fit_from(each.hypothesis, each.point))
     return _refined(study, ranked(candidates), base)
+
+
+def further(
+    study: Study,
+    foreseen: Sequence[Foreseen],
+    found: Sequence[Candidate],
+    progress: ProgressCallback,
+) -> list[Candidate]:
+    """Fit hypotheses again that explain more at a size that matters than was foreseen or found.
+
+    One evaluation near nothing says little of a law that is far from linear, such as multipass. At
+    its typical size, doubled as long as that gains, another one does. Effects with two signs are
+    nearly linear and are not looked at.
+    """
+    base, again = study.nothing.fit.log_evidence, []
+    known = {each.hypothesis: each.log_evidence - base for each in foreseen}
+    known |= {each.hypothesis: each.fit.log_evidence - base for each in found}
+    for number, (hypothesis, gain) in enumerate(known.items()):
+        progress(number / len(known), hypothesis.label)
+        if float(hypothesis.shared().low[0]) < 0.0:
+            continue
+        values, there = _best_multiple(study, hypothesis)
+        if there > max(gain + WORTHLESS, PROMISING * (found[0].fit.log_evidence - base)):
+            again.append(study.refine(study.explain_from(hypothesis, values)))
+    return again
+
+
+def _best_multiple(study: Study, hypothesis: Hypothesis) -> tuple[Tensor, float]:
+    """Return the multiple of the typical size that explains most, and its gain [nat]."""
+    high = float(hypothesis.shared().high[0])
+    values = torch.tensor(hypothesis.typical(), dtype=torch.float64)
+    gain = study.predict_at(hypothesis, values)
+    while gain > 0.0 and values[0] < high:
+        double = values.clone()
+        double[0] = min(2.0 * float(values[0]), high)
+        more = study.predict_at(hypothesis, double)
+        if more <= gain:
+            break
+        values, gain = double, more
+    return values, gain
 
 
 def _refined(study: Study, candidates: list[Candidate], base: float) -> list[Candidate]:
@@ -273,6 +390,29 @@ def _refined(study: Study, candidates: list[Candidate], base: float) -> list[Can
         if each.fit.log_evidence - base > max(enough, WORTHLESS)
     ]
     return ranked([study.refine(each) for each in rivals] + candidates[len(rivals) :])
+
+
+def members(study: Study, pair: Candidate) -> list[Candidate]:
+    """Return each effect of a pair alone, fitted from the pair's point.
+
+    A fit that begins with nothing may stop far from the best one, and the pair has found a way
+    there: where one of its effects has no size, the other one alone explains as much.
+    """
+    found, at = [], 0
+    for effect in pair.hypothesis.effects:
+        values = pair.fit.point.shared[at : at + effect.count]
+        alone = study.fit_from(Hypothesis((effect,)), pair.fit.point.with_shared(values))
+        found.append(study.refine(alone))
+        at += effect.count
+    return found
+
+
+def bettered(before: Sequence[Candidate], more: Sequence[Candidate]) -> list[Candidate]:
+    """Return the better fit of every hypothesis, the most probable first."""
+    best: dict[Hypothesis, Candidate] = {}
+    for each in ranked([*before, *more]):
+        best.setdefault(each.hypothesis, each)
+    return list(best.values())
 
 
 def ranked(candidates: Sequence[Candidate]) -> list[Candidate]:

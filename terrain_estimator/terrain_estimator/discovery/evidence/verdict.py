@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""One rule from evidence to verdict: none, named, confusable or unknown.
+"""One rule from evidence to verdict: none, soil, named, confusable or unknown.
 
 With L the log evidence of a hypothesis over "nothing is missing" and L+ that of the same with a
 discrepancy without a name on top:
@@ -15,6 +15,9 @@ discrepancy without a name on top:
 4. Two effects are named where together they close the ``share``, and the second gains ``anything``
    and nearly all (SECOND_SHARE) that the first leaves. A right name whose law is slightly another
    leaves something too, of which another effect takes a part.
+
+5. Soil constants that differ from those of the soil file count like an effect, see
+   :func:`terrain_estimator.discovery.report.finding.investigate`.
 
 The thresholds are calibrated by ``studies.calibration``.
 """
@@ -34,6 +37,7 @@ class Verdict(StrEnum):
     """The kind of answer that the runs allow."""
 
     NONE = "none"
+    SOIL = "soil"  # the soil's constants differ from those of its file, and nothing else is missing
     NAMED = "named"
     CONFUSABLE = "confusable"
     UNKNOWN = "unknown"
@@ -85,9 +89,9 @@ class Judgement:
     """The verdict, its hypotheses and its probabilities."""
 
     verdict: Verdict
-    named: tuple[
-        Hypothesis, ...
-    ]  # one where named, several where confusable, the closest where unknown
+    # one where named, several where confusable; where unknown the closest, none where no row shows
+    # that something is missing
+    named: tuple[Hypothesis, ...]
     probabilities: dict[str, float]  # of none, unknown and every effect; they add up to one
 
 

@@ -24,6 +24,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.hypotheses.rows import (
+    Changes,
     Expansion,
     HypothesisRows,
     LinearizationPoint,
@@ -148,11 +149,10 @@ def _by_theta(rows: Rows, average: Averages, error: Tensor) -> Tensor:
     return torch.stack(columns, -1)
 
 
-def _by_constant(rows: Rows, theta: Tensor, average: Averages, error: Tensor) -> Tensor:
+def _by_constant(changes: Changes, average: Averages, error: Tensor) -> Tensor:
     """Return the change of the rows by each soil constant, [B, Q, M]."""
-    plain = _block_shape(rows.features[1:] @ theta, error.shape[0], 1)
-    change = plain + _moved(rows.noise[1:] @ theta, error, 1)
-    return average.of(change).permute(1, 2, 0)
+    change = changes.at(error.flatten(0, 2))
+    return average.of(_block_shape(change, error.shape[0], 1)).permute(1, 2, 0)
 
 
 class RunEquations:
@@ -167,7 +167,10 @@ class RunEquations:
         unknowns, count = query.unknowns, self._blocks.packed.shape[0]
         point = LinearizationPoint(unknowns.theta, unknowns.kappa, query.sizes)
         around = query.around or self._rows.expansion(point, self._mask)
-        rows = self._rows.rows(point, around, changes_too=query.known is None)
+        if query.known is None:
+            rows, changes = self._rows.rows_and_changes(point, around)
+        else:
+            rows, changes = self._rows.rows(point, around), None
         used = _block_shape(rows.used * self._mask, count, 0)
         average, present = averages(self._blocks, used), _present(used)
         theta = torch.cat([unknowns.theta, torch.ones(1, dtype=torch.float64)])
@@ -181,7 +184,8 @@ class RunEquations:
         weighted = torch.cholesky_solve(residual.unsqueeze(-1), factor)
         error = (sources.transpose(1, 2) @ weighted).view(count, rows.used.shape[0] // count, 1, -1)
 
-        known = _by_constant(rows, theta, average, error) if query.known is None else query.known
+        known = query.known if changes is None else _by_constant(changes, average, error)
+        assert known is not None
         own = [_by_theta(rows, average, error), known, fixed]
         by_size = self._by_size(query, point, around, rows, average, error)
         jacobian = torch.cat([*own, *(column.unsqueeze(-1) for column in by_size), columns], -1)
@@ -212,7 +216,6 @@ class RunEquations:
         rows = self._rows.rows(
             LinearizationPoint(unknowns.theta, unknowns.kappa, sizes),
             around,
-            changes_too=False,
         )
         average = averages(self._blocks, _block_shape(rows.used * self._mask, count, 0))
         theta = torch.cat([unknowns.theta, torch.ones(1, dtype=torch.float64)])
@@ -244,7 +247,7 @@ class RunEquations:
         for k, step in enumerate(query.steps):
             sizes = tuple(size + step * (n == k) for n, size in enumerate(point.values))
             moved = LinearizationPoint(point.theta, point.kappa, sizes)
-            varied = self._rows.rows(moved, around, changes_too=False)
+            varied = self._rows.rows(moved, around)
             found.append(average.of((_corrected(varied, theta, error) - base) / step))
         return found
 
@@ -266,20 +269,26 @@ def assembled(
     ``weighted`` [B, Q, 1] is W r; ``shared`` unknowns come last.
     """
     count, _, local = jacobian.shape
-    first = local - 2 - shared
-    own = first + int(ends.max()) + 1
-    size = own + shared
+    index = positions(count, local - 2 - shared, ends, 0)
+    size = local - 1 - shared + int(ends.max())
     white = torch.linalg.solve_triangular(factor, jacobian, upper=False)
-    information = white.transpose(1, 2) @ white
+    own, common = white.split([local - shared, shared], 2)
+    pairs = index.unsqueeze(2) * size + index.unsqueeze(1)
+    alone = torch.zeros(size * size, dtype=torch.float64)
+    alone.index_add_(0, pairs.flatten(), (own.transpose(1, 2) @ own).flatten())
+    cross = torch.zeros(size, shared, dtype=torch.float64)
+    cross.index_add_(0, index.flatten(), (own.transpose(1, 2) @ common).flatten(0, 1))
+    together = common.flatten(0, 1).T @ common.flatten(0, 1)
     pull = (jacobian.transpose(1, 2) @ weighted).squeeze(-1)
-    index = positions(count, first, ends, shared)
-    pairs = (index.unsqueeze(2).expand(-1, -1, local), index.unsqueeze(1).expand(-1, local, -1))
-    hessian = torch.zeros(size, size, dtype=torch.float64).index_put_(
-        pairs, information, accumulate=True
+    gradient = torch.zeros(size, dtype=torch.float64)
+    gradient.index_add_(0, index.flatten(), pull[:, : local - shared].flatten())
+    hessian = torch.cat(
+        [
+            torch.cat([alone.view(size, size), cross], 1),
+            torch.cat([cross.T, together], 1),
+        ]
     )
-    return hessian, torch.zeros(size, dtype=torch.float64).index_put_(
-        (index,), pull, accumulate=True
-    )
+    return hessian, torch.cat([gradient, pull[:, local - shared :].sum(0)])
 
 
 def positions(count: int, first: int, ends: Tensor, shared: int) -> Tensor:

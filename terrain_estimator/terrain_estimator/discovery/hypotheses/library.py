@@ -5,6 +5,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -17,6 +18,7 @@ from terramechanics.simulation.plant import Plant
 from terramechanics.vehicle.rover import Rover
 
 AXLES = 3
+"""Number of axles of the rovers that models ship for."""
 TYPICAL = {
     "slope_bias": 0.02,
     "bulldozing": 6000.0,
@@ -32,8 +34,11 @@ TYPICAL = {
     "latency": 0.25,
     "rate_dependence": 0.15,
     "exit_angle": 0.02,
+    "contact_law_scm": 1.0,
 }
 """Sizes at which the named effects spoil the estimate of the ground on the Mars-like rover."""
+ON_REQUEST = frozenset({"contact_law_scm"})
+"""Effects that are candidates only where they are named: their false names were not measured."""
 SOIL_LAWS = ("bulldozing", "grousers", "slip_sinkage", "multipass", "rate_dependence", "exit_angle")
 """Effects whose law of slip, sinkage or speed is an author's: others have other sizes."""
 OTHER_SOIL_LAW, OTHER_LAW = 0.2, 0.05
@@ -65,11 +70,29 @@ class LibraryEffect:
 
     name: str
     axle: int | None = None
+    competing: int | None = None  # number of a competing law; None: the registry's own
 
     @property
     def law(self) -> type[Law]:
         """Its law, which has the value of its size and the extra values."""
-        return describe(self.name).law
+        described = describe(self.name)
+        return described.law if self.competing is None else described.competing[self.competing].law
+
+    @property
+    def law_name(self) -> str:
+        """Name of the law that tells it from those that compete with it."""
+        described = describe(self.name)
+        if self.competing is not None:
+            return described.competing[self.competing].name
+        return described.coefficient
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest size."""
+        described = describe(self.name)
+        if self.competing is not None:
+            return 0.0, described.competing[self.competing].high
+        return described.low, described.high
 
     @property
     def label(self) -> str:
@@ -87,8 +110,11 @@ class LibraryEffect:
 
     def acting(self, values: Sequence[float]) -> SimulatedEffect:
         """Return the effect with these values for a simulation."""
-        row = torch.tensor([list(values)], dtype=torch.float64)
-        return describe(self.name).acting(row, self.axle)
+        return self.with_values(torch.tensor([list(values)], dtype=torch.float64))
+
+    def with_values(self, values: Tensor) -> SimulatedEffect:
+        """Return the effect with ``values`` [batch or 1, V] for a simulation."""
+        return SimulatedEffect(partial(self.law, axle=self.axle), values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,10 +171,7 @@ class Hypothesis:
         """Return ranges, priors and steps of differences of the values."""
         bounds: list[tuple[float, float, float, float]] = []  # low, high, deviation, step
         for effect in self.effects:
-            described = describe(effect.name)
-            low, high = (
-                effect.law.value_of(end) if end else 0.0 for end in (described.low, described.high)
-            )
+            low, high = (effect.law.value_of(end) if end else 0.0 for end in effect.range)
             # Half of a one-sided range is two deviations from its end, as is half of a two-sided
             # one from its middle.
             bounds.append((low, high, 0.5 * max(abs(low), abs(high)), _STEP * (high - low)))
@@ -174,8 +197,8 @@ class Hypothesis:
         """Return the values at which a search begins: 0, or a little inside a one-sided range."""
         values = []
         for effect in self.effects:
-            described = describe(effect.name)
-            first = effect.law.value_of(_START * described.high) if described.low >= 0.0 else 0.0
+            low, high = effect.range
+            first = effect.law.value_of(_START * high) if low >= 0.0 else 0.0
             values += [first, *(0.0 for _ in effect.law.extra)]
         return values
 
@@ -188,24 +211,24 @@ def testable() -> tuple[str, ...]:
     return tuple(name for name, description in EFFECTS.items() if description.planar)
 
 
-def singles(names: tuple[str, ...] = ()) -> list[Hypothesis]:
-    """Return one hypothesis for each named effect, or for each of its axles where it acts on one.
+def singles(names: tuple[str, ...] = (), axles: int = AXLES) -> list[Hypothesis]:
+    """Return one hypothesis for each named effect, for each of ``axles`` where it acts on one.
 
-    All effects where none is named.
+    All effects but those ON_REQUEST where none is named.
 
     Raises:
         ConfigError: a name is unknown, or not testable with a planar rover.
     """
     found = []
-    for name in names or testable():
+    for name in names or [each for each in testable() if each not in ON_REQUEST]:
         description = describe(name)
         if not description.planar:
             raise ConfigError(
                 f"effect {name} is not testable here: it acts sideways, which a planar rover does"
                 " not show"
             )
-        axles: tuple[int | None, ...] = tuple(range(AXLES)) if description.by_axle else (None,)
-        found += [Hypothesis((LibraryEffect(name, axle),)) for axle in axles]
+        places: tuple[int | None, ...] = tuple(range(axles)) if description.by_axle else (None,)
+        found += [Hypothesis((LibraryEffect(name, place),)) for place in places]
     return found
 
 

@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The regression rows of one run under a hypothesis, by the row building that models share."""
 
+from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import torch
@@ -12,19 +14,25 @@ from torch import Tensor, nn
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.effect_rows import EffectRows, Observed
-from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior, uncertain_constants
+from terrain_estimator.model.physics import uncertain_constants
+from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior
 from terrain_estimator.model.rows import (
     MOMENT_VARIANCE,
     PA_PER_UNIT,
     ContactModel,
+    Forces,
+    Frame,
     Rows,
+    rows_of_forces,
     values_alone,
 )
-from terrain_estimator.model.stencil import stencil
+from terrain_estimator.model.stencil import OWN, stencil
+from terramechanics.contact.laws import keeps_ruts
+from terramechanics.contact.scm import Rut
 from terramechanics.contact.stresses import quadrature
 from terramechanics.effects.law import Law
 from terramechanics.simulation.plant import ContactInputs
-from terramechanics.terrain.soil import Soil
+from terramechanics.terrain.soil import WONG_REECE, Soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import geometry_of
 
@@ -41,8 +49,19 @@ class Nominal:
     contact: ContactModel
     uncertain: Tensor  # [M, 6] prior deviations of the uncertain soil constants
     prior: Prior
+    revised: tuple[tuple[Soil, Soil], ...] = ()
+    """Soils as told, and the soils that runs on them have."""
+
+    def of(self, run: Blocks) -> "Nominal":
+        """Return the nominal model on the soil of a run."""
+        told = run.soil or self.soil
+        soil = dict(self.revised).get(told, told)
+        if soil == self.soil and not self.revised:
+            return self
+        return nominal_of(self.rover, soil, self.prior)
 
 
+@lru_cache(maxsize=32)
 def nominal_of(rover: Rover, soil: Soil, prior: Prior = DEFAULT_PRIOR) -> Nominal:
     """Return the nominal model; ``prior`` is that of the model which may lack an effect."""
     constants = soil.constants().unsqueeze(0)
@@ -52,7 +71,9 @@ def nominal_of(rover: Rover, soil: Soil, prior: Prior = DEFAULT_PRIOR) -> Nomina
         dtype=torch.float64,
     )
     wheels, weight = rover.wheels_per_axle, rover.mass * rover.gravity
-    by_moment = wheels / (weight * (rover.axle_x[0] - rover.axle_x[-1]))
+    moments = [wheels / (weight * (rover.axle_x[0] - rover.axle_x[-1]))] * (
+        1 + len(rover.suspension)
+    )
     contact = ContactModel(
         constants=soil.constants(),
         varied=torch.cat([torch.zeros(1, 6, dtype=torch.float64), 1e-3 * uncertain]),
@@ -61,7 +82,7 @@ def nominal_of(rover: Rover, soil: Soil, prior: Prior = DEFAULT_PRIOR) -> Nomina
         column_unit=torch.tensor([PA_PER_UNIT, 1.0, 1.0], dtype=torch.float64),
         geometry=geometry_of(rover),
         body_scale=torch.tensor(
-            [wheels / rover.mass, wheels / weight, by_moment, by_moment], dtype=torch.float64
+            [wheels / rover.mass, wheels / weight, *moments], dtype=torch.float64
         ),
         moment_variance=MOMENT_VARIANCE,
         stand_in=stand_in.unsqueeze(1),
@@ -88,39 +109,67 @@ class Expansion(NamedTuple):
     doubt: Tensor  # [n, 3, A] as of :class:`Agreement`
 
 
+class Changes(NamedTuple):
+    """The change of n observations' rows for one prior deviation of each of M soil constants."""
+
+    levers: Tensor  # [n, A, 2, R, 3] as of :class:`Frame`
+    forces: Forces  # [M, n, A, 3] at c and tan phi
+
+    def at(self, error: Tensor) -> Tensor:
+        """Return the changes [M, n, R] at inputs with the ``error`` [n, E] of each source."""
+        faster, deeper, turned, _ = error.unsqueeze(-1).split_with_sizes(
+            [*[self.levers.shape[1]] * 3, 1], 1
+        )
+        values, by_slip, by_sinkage = self.forces
+        acting = values + faster * by_slip + deeper * by_sinkage
+        both = torch.stack([acting, turned * values], 3)  # [M, n, A, 2, 3]
+        levers = self.levers.permute(0, 3, 1, 2, 4).flatten(2)
+        return (levers @ both.permute(1, 2, 3, 4, 0).flatten(1, 3)).permute(2, 0, 1)
+
+
 class HypothesisRows:
     """The rows of one run under one hypothesis, at any point."""
 
     def __init__(self, nominal: Nominal, blocks: Blocks, laws: Sequence[Law]) -> None:
         """Prepare what does not depend on the point; ``laws`` are those of the hypothesis."""
-        self._nominal, self._observed = nominal, observed_of(blocks)
-        self._rows = EffectRows(laws, nominal.rover.mass, RememberedIntegrals())
+        self._nominal, self._observed = nominal.of(blocks), observed_of(blocks)
+        self._rows = EffectRows(laws, nominal.rover.mass, _integrals(self._nominal.soil.law))
 
     def expansion(self, point: LinearizationPoint, chosen: Tensor) -> Expansion:
         """Return the inputs at which the ``chosen`` rows agree best, see :func:`agreement`."""
         packed = self._rows.corrected(self._observed, _tensor(point.values))
-        straight = self._at(point, torch.zeros_like(packed), None, changes_too=False)
+        here, contact = torch.zeros_like(packed), self._contact(point)
+        # without a doubt nothing is read from the last input, which is for the mixed difference
+        straight = rows_of_forces(*self._measured(point, values_alone(contact, OWN - 1), here))
         theta = torch.cat([point.theta, torch.ones_like(point.theta[:1])])
-        agreed = agreement(straight, packed, self._contact(point), theta, chosen)
+        agreed = agreement(straight, packed, contact, theta, chosen)
         return Expansion(agreed.inputs - packed, agreed.doubt)
 
-    def rows(self, point: LinearizationPoint, around: Expansion, *, changes_too: bool) -> Rows:
-        """Return the expanded rows, and where asked for their changes by the constants."""
-        return self._at(point, around.input_correction, around.doubt, changes_too=changes_too)
+    def rows(self, point: LinearizationPoint, around: Expansion) -> Rows:
+        """Return the expanded rows."""
+        contact = values_alone(self._contact(point))
+        return rows_of_forces(*self._measured(point, contact, *around))
 
-    def _at(
+    def rows_and_changes(
+        self, point: LinearizationPoint, around: Expansion
+    ) -> tuple[Rows, Changes]:
+        """Return the expanded rows and their changes by the soil constants."""
+        frame, forces = self._measured(point, self._contact(point), *around)
+        theta = torch.cat([point.theta, torch.ones_like(point.theta[:1])])
+        rows = rows_of_forces(frame, Forces(*(each[:1] for each in forces)))
+        return rows, Changes(frame.levers, Forces(*(each[1:] @ theta for each in forces)))
+
+    def _measured(
         self,
         point: LinearizationPoint,
+        contact: ContactModel,
         input_correction: Tensor,
-        doubt: Tensor | None,
-        *,
-        changes_too: bool,
-    ) -> Rows:
-        contact = self._contact(point)
-        return self._rows.rows(
+        doubt: Tensor | None = None,
+    ) -> tuple[Frame, Forces]:
+        return self._rows.measured(
             self._observed,
             input_correction,
-            contact if changes_too else values_alone(contact),
+            contact,
             _tensor(point.values),
             point.theta * contact.column_unit[:2],
             doubt,
@@ -140,6 +189,7 @@ def observed_of(blocks: Blocks) -> Observed:
         blocks.wheel_rate.flatten(0, 1),
         signals.slip_rate.repeat_interleave(per_block, 0),
         signals.sinkage_rate.repeat_interleave(per_block, 0),
+        None if blocks.ruts is None else Rut(*(part.flatten(0, 1) for part in blocks.ruts)),
     )
 
 
@@ -152,36 +202,61 @@ def _tensor(values: Sequence[float]) -> Tensor:
     return torch.tensor([list(values)], dtype=torch.float64)
 
 
-class RememberedIntegrals(nn.Module):
-    """The stress integrals, those of the last call where their inputs are the same.
+REMEMBERED = 48_000_000
+"""[bytes] of integrals that a process remembers: a dozen one-minute runs at a few points."""
 
-    Many effects act elsewhere than in the contact, so that differences by their sizes need no
-    other integrals.
+
+class RememberedIntegrals(nn.Module):
+    """The stress integrals, those of an earlier call where their inputs are the same.
+
+    Many effects act elsewhere than in the contact, so that differences by their sizes need no other
+    integrals, nor do other such effects at the same ground.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, law: str = WONG_REECE) -> None:
+        """``law`` is the contact law of the soil."""
         super().__init__()
-        self._last: tuple[tuple[Tensor, ...], Tensor] | None = None
+        self._law, self.keeps_ruts = law, keeps_ruts(law)
+        self._known: OrderedDict[tuple[object, ...], Tensor] = OrderedDict()
+        self._bytes = 0
 
     def forward(self, inputs: ContactInputs, contact: ContactModel) -> Tensor:
         """Return the coefficients of the forces, as :class:`StressIntegrals`."""
         if inputs.exit_angle is not None:
-            return _integrated(inputs, contact)
-        key = (inputs.slip, inputs.sinkage, inputs.constants)
-        if self._last is not None and all(map(torch.equal, self._last[0], key)):
-            return self._last[1]
-        forces = _integrated(inputs, contact)
-        self._last = key, forces
+            return _integrated(inputs, contact, self._law)
+        rut = () if inputs.rut is None else tuple(inputs.rut)
+        parts = (inputs.slip, inputs.sinkage, inputs.constants, contact.nodes, *rut)
+        key = (contact.radius, contact.width, *((each.shape, _bytes(each)) for each in parts))
+        if key in self._known:
+            self._known.move_to_end(key)
+            return self._known[key]
+        forces = self._known[key] = _integrated(inputs, contact, self._law)
+        self._bytes += forces.nbytes
+        while self._bytes > REMEMBERED and len(self._known) > 1:
+            self._bytes -= self._known.popitem(last=False)[1].nbytes
         return forces
 
 
-def _integrated(inputs: ContactInputs, contact: ContactModel) -> Tensor:
+@cache
+def _integrals(law: str) -> RememberedIntegrals:
+    """Return the integrals that this process remembers of one contact law."""
+    return RememberedIntegrals(law)
+
+
+def _bytes(values: Tensor) -> bytes:
+    return values.numpy().tobytes()
+
+
+def _integrated(inputs: ContactInputs, contact: ContactModel, law: str) -> Tensor:
     """Integrate braked wheels apart from the others: they need twice the nodes."""
+    braked = inputs.slip < 0.0
+    if not bool(braked.any()):
+        return inputs.coefficients(contact.radius, contact.width, contact.nodes, law)
     every = inputs.expanded()
     found = torch.empty(*every.slip.shape, 3, 3, dtype=torch.float64)
     braked = every.slip < 0.0
     for chosen in (braked, ~braked):
         found[chosen] = every.wheels(chosen).coefficients(
-            contact.radius, contact.width, contact.nodes
+            contact.radius, contact.width, contact.nodes, law
         )
     return found

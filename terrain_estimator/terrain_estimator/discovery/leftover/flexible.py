@@ -15,7 +15,7 @@ from torch import Tensor
 from terrain_estimator.discovery.runs import Blocks, Signals
 from terrain_estimator.model.block import row_weights
 from terrain_estimator.model.packing import view_of
-from terrain_estimator.model.rows import row_names
+from terrain_estimator.model.row_names import row_names
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,14 +23,15 @@ from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.leftover.flexible import in_row
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.packing import view_of
-from terrain_estimator.model.rows import row_names
-from terramechanics.contact.stresses import wheel_forces
+from terrain_estimator.model.row_names import row_names
+from terramechanics.contact.laws import contact_law
 
 ABOVE, BELOW = (0.5, 0.75, 0.9), (0.1, 0.25, 0.5)
 """Shares of all seconds at which a region may begin or end."""
 FEWEST = 5
 """Seconds inside and outside of a region, of all runs together."""
-AXLES = ("front", "middle", "rear")
+AXLES = {2: ("front", "rear"), 3: ("front", "middle", "rear")}
+"""Names of the axles, by their number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,8 +207,8 @@ LARGEST_NOISE = 0.5
 
 
 def axle_name(axle: int, axles: int) -> str:
-    """Return ``front``, ``middle`` or ``rear`` for three axles."""
-    return AXLES[axle] if axles == len(AXLES) else f"axle {axle + 1}"
+    """Return ``front``, ``middle`` or ``rear``."""
+    return AXLES[axles][axle]
 
 
 def _load(
@@ -221,8 +222,9 @@ def _load(
     """Return the normal force of one wheel [N] by slips and sinkages of nearby seconds."""
     values, noise = [], []
     for run, unknowns, slips, sinks in zip(runs, fitted, slip.noise, sinkage.noise, strict=True):
-        contact, where = nominal.contact, run.signals
-        constants = contact.constants + unknowns.kappa @ nominal.uncertain
+        here = nominal.of(run)
+        contact, where, law = here.contact, run.signals, contact_law(here.soil.law)
+        constants = contact.constants + unknowns.kappa @ here.uncertain
         theta = torch.cat(
             [unknowns.theta * contact.column_unit[:2], torch.ones(1, dtype=torch.float64)]
         )
@@ -231,8 +233,7 @@ def _load(
         ).unsqueeze(2)
         moved = (where.slip[:, axle] + places[:, 0], where.sinkage[:, axle] + places[:, 1])
         load = (
-            wheel_forces(*moved, constants, contact.radius, contact.width, contact.nodes)[..., 0, :]
-            @ theta
+            law(*moved, constants, contact.radius, contact.width, contact.nodes)[..., 0, :] @ theta
         )
         values.append(load[0])
         noise.append(

@@ -214,7 +214,7 @@ def _described(
         unit,
         p,
         runs,
-        sentence(region, strength, unit, p, runs, names),
+        sentence(region, strength, unit, p, runs, names, study.nominal.rover.axles),
     )
 
 
@@ -230,7 +230,13 @@ def unit_of(row: str, nominal: Nominal) -> tuple[float, str]:
 
 
 def sentence(
-    region: Region, strength: float, unit: str, p: float, runs: Sequence[str], every: Sequence[str]
+    region: Region,
+    strength: float,
+    unit: str,
+    p: float,
+    runs: Sequence[str],
+    every: Sequence[str],
+    axles: int,
 ) -> str:
     """Return a sentence on a disagreement.
 
@@ -250,13 +256,13 @@ def sentence(
         if len(runs) == len(every)
         else ", ".join(runs)
     )
-    return f"{row_words(region.row)}, {place}: {words} ({certain}, {shown})"
+    return f"{row_words(region.row, axles)}, {place}: {words} ({certain}, {shown})"
 
 
-def row_words(row: str) -> str:
-    """Return the name of a row for a reader."""
+def row_words(row: str, axles: int) -> str:
+    """Return the name of a row of a rover with so many axles for a reader."""
     return (
-        f"torque row of the {axle_name(int(row[-1]), 3)} wheels"
+        f"torque row of the {axle_name(int(row[-1]), axles)} wheels"
         if row.startswith("torque")
         else f"{row.replace('_', ' ')} row"
     )

@@ -126,7 +126,10 @@ def drive(
     )
     stiffer = torch.cat([constants[:, :1], constants[:, 1:3] * firm, constants[:, 3:]], 1)
     ground = Ground(
-        [Patch(constants, here), Patch(stiffer, here, start=FIRM_START, transition=0.5)]
+        [
+            Patch(constants, here, law=nominal.soil.law),
+            Patch(stiffer, here, start=FIRM_START, transition=0.5, law=nominal.soil.law),
+        ]
     )
     slope = (drawbar_capability(rover, constants, here).clamp(min=0.0) / 2.0).clamp(
         max=math.tan(STEEPEST)

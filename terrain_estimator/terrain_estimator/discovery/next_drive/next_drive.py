@@ -14,20 +14,25 @@ from itertools import permutations
 
 import torch
 
-from terrain_estimator.discovery.evidence.expected import Stage, loss, stage
+from terrain_estimator.discovery.evidence.expected import Stage, stage
 from terrain_estimator.discovery.evidence.isolability import (
     Signature,
+    between,
     run_signatures,
     signatures,
     stages_of,
-    table,
 )
 from terrain_estimator.discovery.evidence.search import Candidate, Study, velocities_of
 from terrain_estimator.discovery.hypotheses.equations import Query, RunEquations
 from terrain_estimator.discovery.hypotheses.library import TYPICAL, Hypothesis
-from terrain_estimator.discovery.hypotheses.rows import HypothesisRows
+from terrain_estimator.discovery.hypotheses.rows import HypothesisRows, Nominal
 from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.next_drive.manoeuvres import MANOEUVRES, SECONDS, Manoeuvre, drive
+from terrain_estimator.discovery.next_drive.missing_signals import (
+    MissingSignal,
+    lacking,
+    without_signals,
+)
 from terrain_estimator.discovery.runs import RecordedRun, RunError, cut
 from terramechanics.effects import make_effect
 from terramechanics.simulation.plant import Plant
@@ -80,7 +85,7 @@ def next_drives(
         return []
     stages, known = stages_of(around), signatures(study, doubtful, around)
     pairs = list(permutations(range(len(doubtful)), 2))
-    now = {pair: _apart(stages, known, pair) for pair in pairs}
+    now = {pair: between(stages, known[pair[0]], known[pair[1]]) for pair in pairs}
     theta = torch.stack([run.theta for run in around.fit.point.runs]).mean(0)
     excess = torch.stack([each.excess for each in around.fit.equations]).mean(0)
     gains: dict[Manoeuvre, dict[tuple[int, int], float]] = {each: {} for each in manoeuvres}
@@ -91,7 +96,9 @@ def next_drives(
                 continue
             joined = [signature.joined(new) for signature, new in zip(known, more[1], strict=True)]
             for pair in (pair for pair in pairs if pair[0] == true):
-                gains[manoeuvre][pair] = _apart([*stages, more[0]], joined, pair) - now[pair]
+                gains[manoeuvre][pair] = (
+                    between([*stages, more[0]], joined[pair[0]], joined[pair[1]]) - now[pair]
+                )
     found = []
     for manoeuvre, each in gains.items():
         if len(each) == len(pairs):
@@ -103,11 +110,6 @@ def next_drives(
     return sorted(found, key=lambda each: -each.nats)
 
 
-def _apart(stages: Sequence[Stage], known: Sequence[Signature], pair: tuple[int, int]) -> float:
-    true, other = (known[k] for k in pair)
-    return loss(stages, table(true, [other]), other.ends).nats
-
-
 def _driven(
     study: Study,
     doubtful: Sequence[Hypothesis],
@@ -115,7 +117,8 @@ def _driven(
     manoeuvres: Sequence[Manoeuvre],
 ) -> list[list[RecordedRun]]:
     """Return the runs of all manoeuvres with each effect acting, by one simulation."""
-    strength = theta * study.nominal.contact.column_unit[:2]
+    nominal = _ground(study)
+    strength = theta * nominal.contact.column_unit[:2]
     count = len(manoeuvres)
     effects = []
     for k, hypothesis in enumerate(doubtful):
@@ -125,8 +128,13 @@ def _driven(
             make_effect(effect.name, TYPICAL[effect.name] * acting, effect.axle)
             for effect in hypothesis.effects
         ]
-    runs = drive(study.nominal, strength, tuple(manoeuvres) * len(doubtful), Plant(effects), SEED)
+    runs = drive(nominal, strength, tuple(manoeuvres) * len(doubtful), Plant(effects), SEED)
     return [runs[k * count : (k + 1) * count] for k in range(len(doubtful))]
+
+
+def _ground(study: Study) -> Nominal:
+    """Return the nominal model on the soil of a next drive: that of the first run."""
+    return study.nominal.of(study.runs[0])
 
 
 def _seen(
@@ -136,10 +144,14 @@ def _seen(
     theta: torch.Tensor,
     excess: torch.Tensor,
 ) -> tuple[Stage, list[Signature]] | None:
-    """Return the rows of a new run and the effects' signatures; None for a rover that stands."""
-    nominal = study.nominal
+    """Return the rows of a new run and the effects' signatures; None for a rover that stands.
+
+    It has no signal that all runs at hand lack.
+    """
+    nominal = _ground(study)
     try:
-        blocks = cut(run, nominal.contact)
+        seen = without_signals(run, lacking(study.runs), nominal.rover.axles)
+        blocks = cut(seen, nominal.contact)
     except RunError:
         return None
     constants = torch.zeros(nominal.uncertain.shape[0], dtype=torch.float64)
@@ -154,16 +166,19 @@ def _seen(
     )
 
 
-def advise(names: Sequence[str], drives: Sequence[NextDrive]) -> str:
+def advise(
+    names: Sequence[str], drives: Sequence[NextDrive], signals: Sequence[MissingSignal]
+) -> str:
     """Return advice on separating these effects; empty for fewer than two.
 
-    ``drives`` are the best first.
+    ``drives`` and ``signals`` are the best first.
     """
     if len(set(names)) <= 1:
         return ""
     advice = [
         f"For {each} alone: {BESIDES[each]}" for each in sorted(set(names)) if each in BESIDES
     ]
+    advice = [_measure(each) for each in signals if each.separates] + advice
     if drives:
         best, (true, other) = drives[0], drives[0].pair
         drive_first = (
@@ -172,3 +187,11 @@ def advise(names: Sequence[str], drives: Sequence[NextDrive]) -> str:
         )
         advice.insert(0, drive_first)
     return ". ".join(advice)
+
+
+def _measure(signal: MissingSignal) -> str:
+    true, other = signal.pair
+    return (
+        f"Measure the {signal.name}, too: with it {signal.nats:.0f} nat are expected of runs like"
+        f" these, if it is {true}, against {other}, instead of {signal.without:.0f}"
+    )

@@ -19,6 +19,13 @@ from terrain_estimator.discovery.proof.scores import Predicted
 NEIGHBOURS = 5
 """[s] that are resampled together: longer than what ties the errors of neighbouring seconds."""
 
+FAR = 3.0
+"""[1] Error of rollouts, in noise floors, that chance does not explain.
+
+A floor counts sensors, start, ground, sizes and terrain as unknown. Were all of that a single
+Gaussian draw, the widest that the mean square can be, 0.27 % of true models would miss by more.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class Gap:
@@ -40,6 +47,11 @@ class Gap:
         tuple[float, float] | None
     )  # [nat] of the negative log likelihood of one value
     replicates: int  # pieces of NEIGHBOURS seconds on which the intervals rest
+
+    @property
+    def far_off(self) -> bool:
+        """True where the model without an effect misses by more than FAR noise floors."""
+        return self.before > FAR * self.noise_floor
 
 
 def gap_of(before: Predicted, after: Predicted | None, lengths: Sequence[int], seed: int) -> Gap:

@@ -16,7 +16,7 @@ from terrain_estimator.discovery.hypotheses.equations import Equations
 from terrain_estimator.discovery.proof.held_out import GroundEstimate
 from terrain_estimator.discovery.proof.scores import Predicted
 from terrain_estimator.model.gaussian import cholesky, log_determinant
-from terrain_estimator.model.rows import row_names
+from terrain_estimator.model.row_names import row_names
 
 
 def one_step(equations: Equations, ground: GroundEstimate, follows: Tensor) -> Predicted:

@@ -6,6 +6,8 @@ The rule: with the effect, rollouts of five seconds or predictions of one second
 held-out runs, by a 95 % interval above zero, or the runs as a whole are LIKELIER; and neither gets
 worse by an interval below zero. Else the effect is not added.
 
+Where nothing is to be added, rollouts that are FAR off the noise floor refute "nothing is missing".
+
 The measure of rollouts is the root mean square error of all signals, means over a second, in
 standard deviations of the sensors' noise: no model can talk it up by being less sure of itself.
 That of one second ahead is the log likelihood of all rows: c and tan phi of a single run may stand
@@ -16,7 +18,7 @@ halves are alike, a ground that the whole run need not allow.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
@@ -27,6 +29,7 @@ from torch import Tensor
 from terrain_estimator.discovery.evidence.fit import Fit
 from terrain_estimator.discovery.evidence.search import Candidate, Study
 from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
+from terrain_estimator.discovery.hypotheses.contributions import Contributions, here
 from terrain_estimator.discovery.hypotheses.equations import Equations, assembled
 from terrain_estimator.discovery.hypotheses.library import NOTHING
 from terrain_estimator.discovery.hypotheses.rows import Nominal
@@ -53,7 +56,7 @@ from terrain_estimator.discovery.proof.signals import names as signal_names
 from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.discovery.runs import PIECE, Blocks
 from terrain_estimator.model.gaussian import cholesky
-from terrain_estimator.model.packing import BLOCK
+from terrain_estimator.model.packed_observation import BLOCK
 
 LIKELIER = 8.0
 """[nat] Log Bayes factor of held-out runs that proves an effect, as "anything" in the verdict."""
@@ -100,6 +103,7 @@ class Proof:
     # of the signal that the model without the effect misses most, in its worst window
     rollout: SignalSeries
     velocity_rollout: SignalSeries  # of the velocity in the same window
+    encoders: bool = True  # whether every run has measured wheel rates, which drive the rollouts
 
     @property
     def sentence(self) -> str:
@@ -130,19 +134,16 @@ class Proof:
 
 
 @dataclass(frozen=True, slots=True)
-class _Judged:
+class Judged:
     """The halves and evidences of a held-out run."""
 
     halves: tuple[Half, Half]
     evidences: list[float]  # [nat] of the whole run under each model
 
 
-Spread = Callable[[Callable[[Blocks], _Judged], Sequence[Blocks]], Iterable[_Judged]]
-"""Applies a function to every run, in order: the built-in map, or a cluster."""
-
-
-def _judged(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> _Judged:
-    return _Judged(halves(nominal, models, run), evidences(nominal, models, run))
+def judged_by(run: Blocks, models: tuple[Model, ...], *, nominal: Nominal) -> Judged:
+    """Judge a held-out run by each model, which takes most of the time of a proof."""
+    return Judged(halves(nominal, models, run), evidences(nominal, models, run))
 
 
 @torch.inference_mode()
@@ -204,7 +205,7 @@ def prove(
     candidate: Candidate | None,
     runs: Sequence[Blocks],
     seed: int = 0,
-    spread: Spread = map,
+    contributions: Contributions | None = None,
 ) -> Proof:
     """Compare ``candidate``, fitted to other runs, with nothing on ``held_out`` runs.
 
@@ -213,14 +214,9 @@ def prove(
     Raises:
         RunError: a run is too short.
     """
-    models: tuple[Model, ...] = (
-        Model(NOTHING, torch.zeros(0, dtype=torch.float64), torch.zeros(0, 0, dtype=torch.float64)),
-    )
-    if candidate is not None:
-        models += (
-            Model(candidate.hypothesis, candidate.fit.point.shared, candidate.fit.covariance),
-        )
-    runs_judged = list(spread(partial(_judged, nominal, models), runs))
+    models = models_of(candidate)
+    each_run = contributions or here(runs)
+    runs_judged = each_run(partial(judged_by, nominal=nominal), [models] * len(runs))
     judged = [half for each in runs_judged for half in each.halves]
     likelier = sum(each.evidences[-1] - each.evidences[0] for each in runs_judged)
     regions = _joined(regions_of(runs))
@@ -255,7 +251,18 @@ def prove(
         tuple(rows),
         tuple(_strength(half, number % 2) for number, half in enumerate(judged)),
         *_pictures(axles, judged, windows, driven, rolled[0]),
+        all(run.encoders for run in runs),
     )
+
+
+def models_of(candidate: Candidate | None) -> tuple[Model, ...]:
+    """Return the model without an effect, and behind it that with the candidate's."""
+    none = torch.zeros(0, dtype=torch.float64)
+    models: tuple[Model, ...] = (Model(NOTHING, none, none.view(0, 0)),)
+    if candidate is not None:
+        fit = candidate.fit
+        models += (Model(candidate.hypothesis, fit.point.shared, fit.covariance),)
+    return models
 
 
 def better(gap: Gap, step_gap: Gap, likelier: float) -> bool:
@@ -270,17 +277,26 @@ def better(gap: Gap, step_gap: Gap, likelier: float) -> bool:
 def settled(finding: Finding, proof: Proof | None) -> Finding:
     """Return the finding with the held-out runs counted.
 
-    A name that did not prove itself there is no longer the answer.
-
-    Its probability goes to "unknown"; it stays the closest candidate. Without held-out runs (None)
-    the verdict stands unproven.
+    A name that did not prove itself there is no longer the answer: its probability goes to
+    "unknown", and it stays the closest candidate. "Nothing is missing" is no answer either where
+    rollouts by measured wheel rates are far off; no effect is then the closest. Without held-out
+    runs (None) the verdict stands unproven.
     """
     judgement = finding.judgement
-    if proof is None or proof.added or judgement.verdict not in (Verdict.NAMED, Verdict.CONFUSABLE):
+    if proof is None:
         return finding
-    sure = {name: p for name, p in judgement.probabilities.items() if name in ("none", "unknown")}
-    refuted = dict.fromkeys(judgement.probabilities, 0.0) | sure
-    refuted["unknown"] = 1.0 - sure["none"]
+    clear = judgement.verdict in (Verdict.NONE, Verdict.SOIL)
+    if clear and proof.encoders and proof.gap.far_off:
+        sure = str(judgement.verdict)
+        others = {name: p for name, p in judgement.probabilities.items() if name != sure}
+        rest = sum(p for name, p in others.items() if name != "unknown")
+        surprised = Judgement(Verdict.UNKNOWN, (), others | {sure: 0.0, "unknown": 1.0 - rest})
+        return replace(finding, judgement=surprised)
+    if proof.added or judgement.verdict not in (Verdict.NAMED, Verdict.CONFUSABLE):
+        return finding
+    none = {name: p for name, p in judgement.probabilities.items() if name in ("none", "soil")}
+    refuted = dict.fromkeys(judgement.probabilities, 0.0) | none
+    refuted["unknown"] = 1.0 - sum(none.values())
     unknown = Judgement(Verdict.UNKNOWN, judgement.named[:1], refuted)
     return replace(finding, judgement=unknown)
 

@@ -3,8 +3,8 @@
 """Five seconds of a held-out run, simulated from the wheel rates and compared with the sensors.
 
 A window starts in the measured velocity of its first observation. From then on the simulation has
-the wheel rates and the terrain along the track; slip, sinkage, torque and velocity are its own, and
-pass through what the effects do to the sensors.
+the wheel rates, the terrain along the track and the ruts that were measured there; slip, sinkage,
+torque and velocity are its own, and pass through what the effects do to the sensors.
 """
 
 from collections.abc import Sequence
@@ -19,8 +19,11 @@ from terrain_estimator.discovery.proof.signals import MeasuredSignals, measured
 from terrain_estimator.discovery.proof.terrain import noisier, profile_of, track_of
 from terrain_estimator.discovery.runs import PIECE
 from terrain_estimator.model.gaussian import cholesky
-from terrain_estimator.model.packing import BLOCK, view_of
+from terrain_estimator.model.packed_observation import BLOCK
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.rows import PA_PER_UNIT
+from terramechanics.contact.ruts import KnownRuts
+from terramechanics.contact.scm import Rut
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.schedules import Command
 from terramechanics.simulation.simulation import Simulation
@@ -31,6 +34,8 @@ WEAKEST = 0.01
 """[1] Least c [kPa] and tan phi that are simulated."""
 FASTER = 2.0
 """[1] By which a simulated rover may outrun the measured one before it leaves the known terrain."""
+DETERMINED = 0.5
+"""[1] Share of the prior's variance above which runs say nothing about a direction."""
 TERRAINS = 4
 """Terrains that are simulated to see what the noise of the angles does to predictions."""
 
@@ -45,7 +50,11 @@ class Windows:
     velocity: Tensor  # [W, 2] [m/s] measured at the start, and its deviation
     step: float  # [s]
     longest: float  # [m] that a simulated rover may go
+    constants: Tensor  # [W, 6] of the soil
+    uncertain: Tensor  # [W, M, 6] as ``Nominal.uncertain``
     measured: MeasuredSignals
+    gone: Tensor  # [W, T] [m] since the start, measured
+    ruts: Rut | None  # [W, A, T] below the wheels there
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +62,8 @@ class SimulatedSignals:
     """Signals of one model at every observation of the windows but the first, and their changes."""
 
     signals: Tensor  # [W, T - 1, R]
-    # [G, W, T - 1, R] along the columns of a factor of the covariance of start, ground, sizes
+    # [G, W, T - 1, R] along the columns of a factor of the covariance of start, ground, and of
+    # sizes as far as runs determined them
     changes: Tensor
     by_terrain: Tensor  # [TERRAINS, W, T - 1, R] with other terrains that the measured angles allow
 
@@ -74,15 +84,32 @@ def windows_of(nominal: Nominal, halves: Sequence[Half]) -> Windows:
     )
     view = view_of(packed, axles)
     gone = (view.velocity * view.step).sum(1)
+    half = torch.repeat_interleave(torch.tensor([len(first) for first in firsts]))
+    grounds = [nominal.of(each.blocks) for each in halves]
     return Windows(
-        half=torch.repeat_interleave(torch.tensor([len(first) for first in firsts])),
+        half=half,
         first=torch.cat(firsts),
         rate=rate,
         velocity=torch.stack([view.velocity[:, 0], view.velocity_sd[:, 0]], 1),
         step=float(view.step[:, 1:].median()),
         longest=FASTER * float(gone.max()),
         measured=measured(packed[:, 1:], axles),
+        gone=torch.cumsum(view.velocity * view.step, 1) - view.velocity[:, :1] * view.step[:, :1],
+        ruts=_ruts(halves, index),
+        constants=torch.stack([each.contact.constants for each in grounds])[half],
+        uncertain=torch.stack([each.uncertain for each in grounds])[half],
     )
+
+
+def _ruts(halves: Sequence[Half], index: Sequence[Tensor]) -> Rut | None:
+    """Return the ruts [W, A, T] below the wheels in every window; None where they are not known."""
+    found = [
+        Rut(*(part[here].flatten(1, 2).transpose(1, 2) for part in half.blocks.ruts))
+        for half, here in zip(halves, index, strict=True)
+        if half.blocks.ruts is not None
+    ]
+    whole = len(found) == len(halves)
+    return Rut(*(torch.cat(part) for part in zip(*found, strict=True))) if whole else None
 
 
 def simulated(
@@ -142,16 +169,27 @@ def _known(ground: GroundEstimate) -> tuple[Tensor, Tensor]:
 
 
 def _other_sizes(model: Model) -> list[tuple[float, ...]]:
-    """Return sizes along each column of a factor of their covariance, inside of their ranges."""
+    """Return sizes along each direction that runs determined, inside of their ranges."""
     shared = model.hypothesis.shared()
     found = []
-    for column in cholesky(model.covariance).T:
+    for column in determined(model.covariance, shared.sd).T:
         there = model.values + column
         there = torch.where(
             (there < shared.low) | (there > shared.high), model.values - column, there
         )
         found.append(tuple(there.clamp(shared.low, shared.high).tolist()))
     return found
+
+
+def determined(covariance: Tensor, prior_sd: Tensor) -> Tensor:
+    """Return a factor [K, n] of a covariance [K, K] in the n directions that runs determined.
+
+    In the others more than DETERMINED of the prior's variance [K] is left: the spread there is that
+    of an assumption, such as the place of a payload without a bogie angle, and no error to expect.
+    """
+    share, direction = torch.linalg.eigh(covariance / (prior_sd.unsqueeze(1) * prior_sd))
+    kept = share < DETERMINED
+    return prior_sd.unsqueeze(1) * direction[:, kept] * share[kept].clamp(min=0.0).sqrt()
 
 
 def _terrain(nominal: Nominal, windows: Windows, clean: Sequence[Tensor]) -> Sampled:
@@ -189,11 +227,14 @@ def _drive(
     strength = grounds[:, :2].clamp(min=WEAKEST) * torch.tensor(
         [PA_PER_UNIT, 1.0], dtype=torch.float64
     )
-    soil = Ground([Patch(nominal.contact.constants + grounds[:, 2:] @ nominal.uncertain, strength)])
+    shift = (grounds[:, 2:].unsqueeze(1) @ windows.uncertain.repeat(times, 1, 1)).squeeze(1)
+    constants = windows.constants.repeat(times, 1) + shift
+    soil = Ground([Patch(constants, strength, law=nominal.soil.law)])
     rate = windows.rate.repeat(times, 1, 1)
     series = []
     with torch.inference_mode():
-        simulation = Simulation(rover, soil, terrain, start, windows.step, plant)
+        ruts = None if windows.ruts is None else KnownRuts(windows.gone, windows.ruts, times)
+        simulation = Simulation(rover, soil, terrain, start, windows.step, plant, ruts)
         simulation.rate = rate[:, 0].clone()
         for command in rate[:, 1:].unbind(1):
             before = simulation.rate

@@ -10,7 +10,8 @@ from torch import Tensor
 
 from terrain_estimator.discovery.proof.scores import Predicted
 from terrain_estimator.discovery.runs import PIECE
-from terrain_estimator.model.packing import BLOCK, view_of
+from terrain_estimator.model.packed_observation import BLOCK
+from terrain_estimator.model.packing import view_of
 
 
 @dataclass(frozen=True, slots=True)

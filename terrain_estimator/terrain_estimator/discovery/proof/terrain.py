@@ -3,10 +3,12 @@
 """The terrain along a recorded track, from the rover's own attitude: an input of rollouts."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import torch
 from scipy.interpolate import BSpline, make_smoothing_spline
+from scipy.optimize import minimize_scalar
 from torch import Tensor
 
 from terrain_estimator.model.packing import view_of, with_contact_angle, with_pitch
@@ -101,8 +103,38 @@ def _smooth(x: np.ndarray, y: np.ndarray, w: np.ndarray, sharpest: float) -> BSp
 
     Smoother where it bends more sharply than wheels could follow.
     """
-    spline, penalty = make_smoothing_spline(x, y, w), 1e-6
+    return _smoothed(x.tobytes(), y.tobytes(), w.tobytes(), sharpest)
+
+
+@lru_cache(maxsize=64)
+def _smoothed(xs: bytes, ys: bytes, ws: bytes, sharpest: float) -> BSpline:
+    """Return the spline; most effects leave the track as it is, so that two models share it."""
+    x, y, w = map(np.frombuffer, (xs, ys, ws))
+    spline, penalty = make_smoothing_spline(x, y, w, lam=_least_error(x, y, w)), 1e-6
     while np.abs(spline.derivative()(x)).max() > sharpest and penalty < 1e9:
         penalty *= 10.0
         spline = make_smoothing_spline(x, y, w, lam=penalty)
     return spline
+
+
+def _least_error(x: np.ndarray, y: np.ndarray, w: np.ndarray) -> float:
+    """Return the penalty whose spline has the least cross-validation error.
+
+    As ``make_smoothing_spline`` finds it, but with the penalty as a diagonal matrix (Demmler and
+    Reinsch 1975), for which one more penalty to try costs next to nothing.
+    """
+    count, h = len(x), np.diff(x)
+    bends = np.zeros((count, count - 2))
+    inner = np.arange(count - 2)
+    bends[inner, inner], bends[inner + 2, inner] = 1.0 / h[:-1], 1.0 / h[1:]
+    bends[inner + 1, inner] = -1.0 / h[:-1] - 1.0 / h[1:]
+    gram = np.diag((h[:-1] + h[1:]) / 3.0) + np.diag(h[1:-1] / 6.0, 1) + np.diag(h[1:-1] / 6.0, -1)
+    scaled = bends / np.sqrt(w)[:, None]
+    sharpness, modes = np.linalg.eigh(scaled @ np.linalg.solve(gram, scaled.T))
+    pulled, modes = modes.T @ (np.sqrt(w) * y), modes / np.sqrt(w)[:, None]
+
+    def error(penalty: float) -> float:
+        left = penalty * sharpness / (1.0 + penalty * sharpness)
+        return float(((modes @ (left * pulled)) ** 2).sum() / left.sum() ** 2)
+
+    return float(minimize_scalar(error, bounds=(0, count), method="bounded").x)

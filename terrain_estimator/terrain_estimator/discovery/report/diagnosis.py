@@ -9,10 +9,11 @@ from typing import Any
 
 from terrain_estimator.discovery.evidence.isolability import Isolability, isolability
 from terrain_estimator.discovery.evidence.search import Study
-from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
+from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.locate.where import RowDisagreement, disagreements
-from terrain_estimator.discovery.next_drive.next_drive import NextDrive, advise, next_drives
+from terrain_estimator.discovery.next_drive.missing_signals import MissingSignal, missing_signals
+from terrain_estimator.discovery.next_drive.next_drive import MOST, NextDrive, advise, next_drives
 from terrain_estimator.discovery.progress import ProgressCallback
 from terrain_estimator.discovery.report.finding import Finding
 
@@ -24,12 +25,14 @@ class Diagnosis:
     where: tuple[RowDisagreement, ...]
     isolability: Isolability
     next_drives: tuple[NextDrive, ...]  # the best first; empty where nothing is in doubt
+    missing_signals: tuple[MissingSignal, ...] = ()  # likewise
 
     def separate_by(self, judgement: Judgement) -> str:
         """Return advice on separating confusable effects; empty where nothing is confusable."""
         if judgement.verdict is not Verdict.CONFUSABLE:
             return ""
-        return advise([name for each in judgement.named for name in each.names], self.next_drives)
+        names = [name for each in judgement.named for name in each.names]
+        return advise(names, self.next_drives, self.missing_signals)
 
     def plain(self) -> dict[str, Any]:
         """Return its parts of finding.json."""
@@ -42,21 +45,28 @@ class Diagnosis:
                 "not_testable": self.isolability.not_testable,
             },
             "next_drives": [dataclasses.asdict(each) for each in self.next_drives],
+            "missing_signals": [dataclasses.asdict(each) for each in self.missing_signals],
         }
 
 
 def diagnose(
     study: Study, hypotheses: Sequence[Hypothesis], finding: Finding, progress: ProgressCallback
 ) -> Diagnosis:
-    """Look at the runs of ``study`` after the verdict."""
+    """Look at the runs of ``study``, on the soils as told, after the verdict."""
     progress(0.95, "where it disagrees")
     found = tuple(disagreements(study))
     progress(0.96, "what these runs can tell apart")
-    around = study.nothing if finding.judgement.verdict is Verdict.NONE else finding.best
-    apart = isolability(study, hypotheses, around)
+    there = finding.study(study)
+    clear = finding.judgement.verdict in (Verdict.NONE, Verdict.SOIL)
+    around = there.nothing if clear else finding.best
+    apart = isolability(there, hypotheses, around)
     progress(0.97, "what to drive next")
+    doubtful = in_doubt(finding, hypotheses, apart)[:MOST]
     return Diagnosis(
-        found, apart, tuple(next_drives(study, in_doubt(finding, hypotheses, apart), around))
+        found,
+        apart,
+        tuple(next_drives(there, doubtful, around)),
+        tuple(missing_signals(there, doubtful, around, read_thresholds().apart)),
     )
 
 

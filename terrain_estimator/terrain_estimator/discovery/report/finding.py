@@ -9,11 +9,22 @@ from dataclasses import dataclass
 
 import torch
 
-from terrain_estimator.discovery.evidence.search import Candidate, Study, search
+from terrain_estimator.discovery.evidence.search import (
+    Candidate,
+    Study,
+    bettered,
+    foresee,
+    further,
+    members,
+    search,
+)
+from terrain_estimator.discovery.evidence.soil_revision import RevisedStudy, revised
 from terrain_estimator.discovery.evidence.verdict import (
+    SECOND_SHARE,
     Gains,
     Judgement,
     Thresholds,
+    Verdict,
     is_pair,
     judge,
 )
@@ -40,6 +51,11 @@ class Finding:
     candidates: tuple[Candidate, ...]  # named hypotheses, the most probable first
     nothing: Candidate
     left: tuple[Leftover, ...]  # on what the residual of the best name depends, strongest first
+    soil: RevisedStudy | None = None  # on which all this was found, where the soil files do not fit
+
+    def study(self, told: Study) -> Study:
+        """Return the study in which the fits were made; ``told`` has the soils of the files."""
+        return told if self.soil is None else self.soil.study
 
     @property
     def best(self) -> Candidate:
@@ -57,10 +73,110 @@ def investigate(
     thresholds: Thresholds,
     progress: ProgressCallback,
 ) -> Finding:
+    """Search what is missing: effects, other constants of the soils, or both.
+
+    The constants count like an effect. Where they explain more than any name, the search begins
+    anew on the constants found, and its verdict holds if they close the ``share``; else they are
+    the second of a pair, see :func:`is_pair`. A prior without doubt of the constants leaves them.
+    """
+    told = _searched(
+        study, hypotheses, thresholds, lambda share, label: progress(0.5 * share, label)
+    )
+    if told.judgement.verdict is Verdict.NONE or study.nominal.prior.constants_sd == 0.0:
+        return told
+    progress(0.5, "soil constants")
+    name = told.gains.single or told.gains.best
+    left = told.gains.explainable - name
+    there = revised(study, study.nominal)
+    alone = there is not None and there.gain(there.study.nothing, study) > name
+    if not alone:
+        if left < thresholds.anything:
+            return told
+        first = next(each for each in told.candidates if len(each.hypothesis.effects) == 1)
+        there = revised(study, study.nominal, first.hypothesis)
+        if there is None:
+            return told
+        gained = there.gain(there.study.explain(first.hypothesis), study) - name
+        if gained < max(thresholds.anything, PROMISING * left):
+            return told
+    assert there is not None
+    found, there = _on_revised(
+        study,
+        there,
+        hypotheses,
+        thresholds,
+        lambda share, label: progress(0.55 + 0.4 * share, label),
+    )
+    explains = there.gain(_answer(found), study)
+    explainable = max(told.gains.explainable, explains)
+    if alone:
+        accepted = explains >= thresholds.share * explainable
+    else:
+        needed = max(thresholds.anything, SECOND_SHARE * (explainable - name))
+        accepted = explains - name >= needed and explains > told.gains.best
+    if accepted:
+        return dataclasses.replace(found, soil=there, judgement=_besides_soil(found.judgement))
+    # What the constants explain is there to be explained, too.
+    gains = dataclasses.replace(told.gains, nothing_with=max(told.gains.nothing_with, explains))
+    chances = told.judgement.probabilities | judge(gains, thresholds).probabilities
+    judgement = dataclasses.replace(judge(gains, thresholds), probabilities=chances)
+    return dataclasses.replace(told, gains=gains, judgement=judgement)
+
+
+PROMISING = 0.5
+"""[1] Share of what the best name leaves that revised constants explain beside it at least."""
+
+
+def _on_revised(
+    study: Study,
+    there: RevisedStudy,
+    hypotheses: Sequence[Hypothesis],
+    thresholds: Thresholds,
+    progress: ProgressCallback,
+) -> tuple[Finding, RevisedStudy]:
+    """Search on revised constants, and again on those that fit beside the best name."""
+    found = _searched(
+        there.study, hypotheses, thresholds, lambda share, label: progress(0.5 * share, label)
+    )
+    if found.judgement.verdict is Verdict.NONE:
+        return found, there
+    beside = revised(there.study, study.nominal, found.best.hypothesis)
+    if beside is None:
+        return found, there
+    again = beside.study.refine(beside.study.explain(found.best.hypothesis))
+    if beside.gain(again, study) - there.gain(found.best, study) < thresholds.anything:
+        return found, there
+    return _searched(
+        beside.study,
+        hypotheses,
+        thresholds,
+        lambda share, label: progress(0.5 + 0.5 * share, label),
+    ), beside
+
+
+def _answer(found: Finding) -> Candidate:
+    return found.nothing if found.judgement.verdict is Verdict.NONE else found.best
+
+
+def _besides_soil(judgement: Judgement) -> Judgement:
+    """Return a judgement on revised constants: nothing else is missing where it says none."""
+    verdict = Verdict.SOIL if judgement.verdict is Verdict.NONE else judgement.verdict
+    chances = {name: p for name, p in judgement.probabilities.items() if name != "none"}
+    chances |= {"none": 0.0, "soil": judgement.probabilities["none"]}
+    return dataclasses.replace(judgement, verdict=verdict, probabilities=chances)
+
+
+def _searched(
+    study: Study,
+    hypotheses: Sequence[Hypothesis],
+    thresholds: Thresholds,
+    progress: ProgressCallback,
+) -> Finding:
     """Fit all hypotheses, pairs with the best one where it leaves something, and judge."""
     progress(0.05, "nothing missing")
     free = study.with_discrepancy(study.nothing)
-    found = search(study, hypotheses, lambda share, label: progress(0.1 + 0.5 * share, label))
+    foreseen = foresee(study, hypotheses, lambda share, label: progress(0.1 + 0.2 * share, label))
+    found = search(study, foreseen, lambda share, label: progress(0.3 + 0.2 * share, label))
     base = study.nothing.fit.log_evidence
     # Where neither a name nor the discrepancy comes near to gaining anything, both together do not
     # either.
@@ -68,10 +184,22 @@ def investigate(
     best_with = found[0] if clear else study.with_discrepancy(found[0])
     gains = gains_of(study.nothing, found, free, best_with)
     if gains.explainable - gains.best >= thresholds.anything:
+        again = further(
+            study, foreseen, found, lambda share, label: progress(0.5 + 0.1 * share, label)
+        )
+        found, first = bettered(found, again), found[0]
+        if found[0] is not first:
+            best_with = study.with_discrepancy(found[0])
+        gains = gains_of(study.nothing, found, free, best_with)
+    if gains.explainable - gains.best >= thresholds.anything:
         pairs = _beside(
             study, hypotheses, found[0], lambda share, label: progress(0.6 + 0.35 * share, label)
         )
         if pairs:
+            alone = bettered(found, members(study, pairs[0]))
+            if alone[0] is not found[0]:
+                best_with = study.with_discrepancy(alone[0])
+            found, gains = alone, gains_of(study.nothing, alone, free, best_with)
             pair_with = study.with_discrepancy(pairs[0])
             paired = dataclasses.replace(
                 gains_of(study.nothing, pairs, free, pair_with), single=gains.best
@@ -99,7 +227,10 @@ def _beside(
     others = [
         together(first.hypothesis, each) for each in hypotheses if not names & set(each.names)
     ]
-    return search(study, others, progress, after=first) if others else []
+    if not others:
+        return []
+    foreseen = foresee(study, others, lambda share, label: progress(0.5 * share, label), first)
+    return search(study, foreseen, lambda share, label: progress(0.5 + 0.5 * share, label), first)
 
 
 def gains_of(

@@ -4,12 +4,14 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from rover_parameters.records import number
 from terramechanics.contact.sinkage import WheelGround, equilibrium_sinkage
 from terramechanics.contact.stresses import in_range
 from terramechanics.simulation.plant import Effect, Plant, Situation
@@ -19,11 +21,25 @@ from terramechanics.vehicle.rover import Rover
 SAME_SLIP, SAME_LOAD, SAME_ANGLE = 0.02, 1.5, math.radians(1.0)
 """[1], [1], [rad] Limits of replicates: slip difference, load ratio, slip-angle difference."""
 POINTS = 6
+LARGEST = 2.0
+"""[m] Largest wheel of a testbed; a larger number is in another unit."""
+SLIP_STEP = 1e-4
+"""[1] Slip by which rows are differenced."""
 DATUM_SD = 0.005
 """[m] of the common offset of all sinkages."""
 ROWS = ("sinkage", "drawbar_pull", "lateral_force", "torque")
 UNITS = ("m", "N", "N", "N m")
 """Rows of a cell, and their units."""
+
+
+@dataclass(frozen=True, slots=True)
+class TestbedWheel:
+    """A wheel on a testbed."""
+
+    name: str
+    radius: float = number("radius of the rim", "m", 0.0, LARGEST, exclusive=True)
+    width: float = number("width", "m", 0.0, LARGEST, exclusive=True)
+    lug_height: float = number("height of lugs above the rim", "m", 0.0, LARGEST, default=0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,16 +137,73 @@ def _alike(first: Row, second: Row) -> bool:
     )
 
 
+class SensorError(NamedTuple):
+    """One unknown error of a sensor, the same in all tables."""
+
+    row: int  # of ROWS
+    sd: float  # of a zero in the unit of its row, of a gain [1]
+    is_gain: bool
+
+    @property
+    def name(self) -> str:
+        """What a finding calls it."""
+        return f"{'gain' if self.is_gain else 'zero'} of {ROWS[self.row]}"
+
+
 @dataclass(frozen=True, slots=True)
 class Rig:
     """The nominal wheel and soil."""
 
     rover: Rover  # of which the wheel alone counts
     soil: Soil
-    constants_sd: float  # [1] relative deviation of each soil constant
+    # [1] relative deviations of n, k_c / b + k_phi, K, c1 and c2
+    constants_sd: tuple[float, ...]
     repeatability: tuple[float, ...]  # [R] deviations of a cell
     offset_sd: tuple[float, ...] = (DATUM_SD, 0.0, 0.0, 0.0)
     """[R] Deviation of each sensor's zero, the same in all tables; 0: the zero is known."""
+    reading_sd: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    """[R] Errors of reading, as of a figure that was traced, beside repeatability."""
+    slip_sd: float = 0.0
+    """[1] Error of reading the slip, which all rows of a cell share."""
+    gain_sd: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    """[R] Relative deviation of each sensor's gain, the same in all tables; 0: it is known."""
+
+    @property
+    def deviations(self) -> tuple[float, ...]:
+        """Repeatability and errors of reading together, [R]."""
+        return tuple(map(math.hypot, self.repeatability, self.reading_sd))
+
+    @property
+    def sensor_errors(self) -> tuple[SensorError, ...]:
+        """The S errors of sensors that are not known, gains first."""
+        return tuple(
+            SensorError(row, sd, is_gain)
+            for is_gain, sds in ((True, self.gain_sd), (False, self.offset_sd))
+            for row, sd in enumerate(sds)
+            if sd > 0.0
+        )
+
+    def read(self, states: Tensor, errors: Tensor) -> Tensor:
+        """Return what sensors with ``errors`` [V, S] show of states [V, B, R]."""
+        shown = states.clone()
+        for place, error in enumerate(self.sensor_errors):
+            value = errors[:, place : place + 1]
+            shown[..., error.row] += shown[..., error.row] * value if error.is_gain else value
+        return shown
+
+    def slip_errors(self, cells: Cells, rows: Callable[[Cells], Tensor]) -> Tensor:
+        """Return the covariance [R B, R B], cell by cell, that the error of slip gives to rows.
+
+        In ``deviations``; ``rows`` [B, R] of cells are linearised.
+        """
+        count = len(ROWS) * len(cells.slip)
+        if self.slip_sd == 0.0:
+            return torch.zeros(count, count, dtype=torch.float64)
+        moved = dataclasses.replace(cells, slip=cells.slip + SLIP_STEP)
+        scale = self.slip_sd / SLIP_STEP / torch.tensor(self.deviations, dtype=torch.float64)
+        slopes = (rows(moved) - rows(cells)) * scale
+        blocks = slopes.unsqueeze(2) * slopes.unsqueeze(1)
+        return torch.block_diag(*blocks)  # type: ignore[no-untyped-call]
 
     def usable(self, slip: float, sinkage: float) -> bool:
         """Return whether the contact model describes this state at all."""

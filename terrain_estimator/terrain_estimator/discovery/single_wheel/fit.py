@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The most probable parameters of a hypothesis about one wheel, and its evidence.
 
-Parameters in prior deviations: c, tan phi, the uncertain soil constants, the zeros of sensors that
-are not known (the datum of the sinkage among them), sizes of effects that are known to act in all
-tables, sizes of those that are looked for. With J
-their Jacobian the measurements are Gaussian,
+Parameters in prior deviations: c, tan phi, the uncertain soil constants, the errors of sensors
+that are not known (gains, and zeros with the datum of the sinkage among them), sizes of effects
+that are known to act in all tables, sizes of those that are looked for. With J their Jacobian the
+measurements are Gaussian,
 
-    y ~ N(f(x), C),   C = repeatability + excess of each row (+ s^2 F F' of each row),
+    y ~ N(f(x), C),   C = R + excess of each row (+ s^2 G of each row),
 
-F smooth functions of slip and slip angle: a discrepancy without a name. Excess and s are at their
-most likely values, with x integrated out.
+R of repeatability and errors of reading, G that of the model error (:mod:`model_error`): a
+discrepancy without a name. Excess and s are at their most likely values, with x integrated out.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,9 @@ from torch import Tensor
 
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig
-from terrain_estimator.model.prior import DEFAULT_PRIOR, uncertain_constants
+from terrain_estimator.discovery.single_wheel.model_error import correlation
+from terrain_estimator.model.physics import uncertain_constants
+from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terrain_estimator.model.rows import PA_PER_UNIT
 from terramechanics.effects.simulated import SimulatedEffect
 
@@ -52,21 +54,10 @@ class Explained:
     values: Floats  # [P] in prior deviations
     covariance: Floats  # [P, P]
     log_evidence: float  # [nat]
+    model_error: Floats  # [R] deviation of the model error of each row, in units of ROWS
     left: tuple[
         str, str
     ]  # row and signal on which the discrepancy without a name depends most, where there is one
-
-    def strength(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Return mean and standard deviation of c [Pa] and of tan phi."""
-        deviations = np.sqrt(np.diag(self.covariance))
-        (cohesion, tan_phi) = (
-            (mean + self.values[k] * sd, deviations[k] * sd)
-            for k, (mean, sd) in enumerate(STRENGTH)
-        )
-        return (
-            (PA_PER_UNIT * float(cohesion[0]), PA_PER_UNIT * float(cohesion[1])),
-            (float(tan_phi[0]), float(tan_phi[1])),
-        )
 
     def sizes(self, first: int) -> list[tuple[str, float, float]]:
         """Return the sizes of the effects that are looked for, see :meth:`Hypothesis.sizes`.
@@ -87,11 +78,11 @@ class WheelModel:
         """Take the wheel and soil of one testbed, known effects and the hypothesis."""
         self.bed, self._given, self.hypothesis = bed, given, hypothesis
         nominal = bed.soil.constants()
-        self._uncertain = uncertain_constants(
-            nominal.unsqueeze(0), bed.constants_sd, bed.rover.wheel_width
-        )[0]
-        self._offsets = [row for row, sd in enumerate(bed.offset_sd) if sd > 0.0]
-        self.own = 2 + self._uncertain.shape[0] + len(self._offsets)
+        shares = torch.tensor(bed.constants_sd, dtype=torch.float64).unsqueeze(1)
+        whole = uncertain_constants(nominal.unsqueeze(0), 1.0, bed.rover.wheel_width)[0]
+        self._uncertain = shares * whole
+        self._error_sd = torch.tensor([each.sd for each in bed.sensor_errors], dtype=torch.float64)
+        self.own = 2 + self._uncertain.shape[0] + len(self._error_sd)
         self.first = self.own + given.shared().sd.shape[0]
         self.low, self.high = self._limits(nominal)
 
@@ -106,6 +97,11 @@ class WheelModel:
     def of(self, cells: Cells, values: Floats) -> Floats:
         """Return the rows [B, R]."""
         return self._several(cells, values[None], values)[0]
+
+    def slip_errors(self, cells: Cells, values: Floats) -> Floats:
+        """Return the covariance of the error of slip, see :meth:`Rig.slip_errors`."""
+        found = self.bed.slip_errors(cells, lambda each: torch.from_numpy(self.of(each, values)))
+        return np.asarray(found.numpy())
 
     def jacobian(self, cells: Cells, values: Floats) -> tuple[Floats, Floats]:
         """Return the rows [B, R], and their changes with each parameter [B, R, P]."""
@@ -123,8 +119,8 @@ class WheelModel:
         strength = (theta[:, 0] + table[:, :2] * theta[:, 1]) * torch.tensor(
             [PA_PER_UNIT, 1.0], dtype=torch.float64
         )
-        shifts = self.own - len(self._offsets)
-        constants = self.bed.soil.constants() + table[:, 2:shifts] @ self._uncertain
+        constants_end = self.own - len(self._error_sd)
+        constants = self.bed.soil.constants() + table[:, 2:constants_end] @ self._uncertain
         known = _effects(self._given, values[self.own : self.first])
         sought = known + _effects(self.hypothesis, values[self.first :])
         found = torch.empty(len(soils), len(cells.slip), len(ROWS), dtype=torch.float64)
@@ -134,9 +130,7 @@ class WheelModel:
                 found[:, index] = self.bed.states(
                     cells.part(index.tolist()), strength, constants, effects
                 )
-        for place, row in enumerate(self._offsets, shifts):
-            found[..., row] += self.bed.offset_sd[row] * table[:, place : place + 1]
-        return found.numpy()
+        return self.bed.read(found, table[:, constants_end:] * self._error_sd).numpy()
 
     def _limits(self, nominal: Tensor) -> tuple[Floats, Floats]:
         """Return the physical ranges.
@@ -175,22 +169,23 @@ def _effects(hypothesis: Hypothesis, values: Floats) -> list[SimulatedEffect]:
 
 @dataclass(frozen=True, slots=True)
 class _Spread:
-    """Differences of measurements from the model, in units of repeatability.
+    """Differences of measurements from the model, in deviations of the rig.
 
     ``hyper`` [2 R] is the excess of each row, then s of each.
     """
 
     functions: Floats  # [B, F], PER_SIGNAL for each signal
+    near: Floats  # [B, B] correlation of the model error
     seen: npt.NDArray[np.bool_]  # [R B] cell by cell, in the order of ROWS
+    slip: Floats  # [R B, R B] of the error of slip
 
     def covariance(self, hyper: Floats) -> Floats:
         """Return the covariance of the M measurements, [M, M]."""
         rows, count = len(ROWS), len(self.functions)
-        shared = self.functions @ self.functions.T
-        covariance = np.zeros((rows * count, rows * count))
+        covariance = self.slip.copy()
         for row in range(rows):
-            covariance[row::rows, row::rows] = (
-                np.eye(count) * (1.0 + hyper[row] ** 2) + hyper[rows + row] ** 2 * shared
+            covariance[row::rows, row::rows] += (
+                np.eye(count) * (1.0 + hyper[row] ** 2) + hyper[rows + row] ** 2 * self.near
             )
         return covariance[np.ix_(self.seen, self.seen)]
 
@@ -199,13 +194,14 @@ class _Spread:
     ) -> tuple[str, str]:
         """Return row and signal of the largest part of a discrepancy that ``residual`` [M] holds.
 
-        In units of repeatability.
+        In deviations of the rig, with the discrepancy expanded in functions of each signal.
         """
         pulled = np.zeros(len(self.seen))
         pulled[self.seen] = np.linalg.solve(self.covariance(hyper), residual)
         parts = {}
         for k, row in enumerate(ROWS):
-            weights = hyper[len(ROWS) + k] ** 2 * self.functions.T @ pulled[k :: len(ROWS)]
+            missed = hyper[len(ROWS) + k] ** 2 * self.near @ pulled[k :: len(ROWS)]
+            weights, *_ = np.linalg.lstsq(self.functions, missed, rcond=None)
             for j, signal in enumerate(signals):
                 own = slice(PER_SIGNAL * j, PER_SIGNAL * (j + 1))
                 parts[row, signal] = float(np.linalg.norm(self.functions[:, own] @ weights[own]))
@@ -218,12 +214,13 @@ def explain(
     """Fit a model to cells; ``flexible`` with a discrepancy without a name on top."""
     values = model.start() if start is None else start
     seen = cells.seen.numpy().ravel()
-    noise = np.tile(model.bed.repeatability, len(cells.slip))[seen]
+    noise = np.tile(model.bed.deviations, len(cells.slip))[seen]
     functions = smooth(cells)
-    spread = _Spread(np.concatenate(list(functions.values()), 1), seen)
+    every, near = np.concatenate(list(functions.values()), 1), correlation(cells)
     hyper = np.repeat([1.0, float(flexible)], len(ROWS))
     measured = cells.measured.numpy().ravel()[seen]
     residual, jacobian = np.zeros(0), np.zeros(0)
+    spread = _Spread(every, near, seen, model.slip_errors(cells, values))
     for _ in range(_ROUNDS):
         white = np.linalg.inv(np.linalg.cholesky(spread.covariance(hyper)))
 
@@ -240,6 +237,7 @@ def explain(
             short, values, slope, (model.low, model.high), max_nfev=12, xtol=1e-6
         ).x
         modelled, by = model.jacobian(cells, values)
+        spread = _Spread(every, near, seen, model.slip_errors(cells, values))
         residual = (measured - modelled.ravel()[seen]) / noise
         jacobian = by.reshape(len(seen), -1)[seen] / noise[:, None]
         hyper = _most_likely(
@@ -323,7 +321,8 @@ def _finished(
     evidence += sum(
         _inside(middle[k], np.sqrt(covariance[k, k]), model.low[k], model.high[k]) for k in sizes
     )
-    return Explained(model.hypothesis, values, covariance, float(evidence), left)
+    error = hyper[len(ROWS) :] * np.array(model.bed.deviations)
+    return Explained(model.hypothesis, values, covariance, float(evidence), error, left)
 
 
 def _ranged(hypothesis: Hypothesis, first: int) -> Sequence[int]:

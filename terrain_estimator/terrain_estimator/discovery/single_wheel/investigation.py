@@ -4,20 +4,14 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from scipy.stats import chi2
 
-from terrain_estimator.discovery.evidence.verdict import (
-    Gains,
-    Judgement,
-    Thresholds,
-    Verdict,
-    is_pair,
-    judge,
-)
+from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
 from terrain_estimator.discovery.hypotheses.library import (
     NOTHING,
     Hypothesis,
@@ -26,19 +20,35 @@ from terrain_estimator.discovery.hypotheses.library import (
 )
 from terrain_estimator.discovery.progress import ProgressCallback
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig, Row, cells_of
+from terrain_estimator.discovery.single_wheel.families import (
+    NAME,
+    Family,
+    Weighed,
+    families,
+    judge,
+)
 from terrain_estimator.discovery.single_wheel.fit import Explained, Floats, WheelModel, explain
 from terrain_estimator.discovery.single_wheel.separation import separate_by
-from terramechanics.effects import EFFECTS
+from terramechanics.effects import EFFECTS, describe
 
 FLOOR = 1.0
-"""[deviations of repeatability] Root mean square error of a model that is true."""
+"""[deviations of the rig] Root mean square error of a model that is true."""
 FEWEST_HELD_OUT = 5
 """Different settings without which held-out ones prove nothing: replicates are not independent."""
 MISFIT = 1e-3
 """[1] Probability of errors this large on held-out settings, below which the model is refuted."""
 BY_RATE, BY_SLIP, SAME_SPEED = "rate_dependence", "slip_sinkage", 1.1
 """Ratio of carriage speeds within which slip and wheel rate vary together."""
+LOOSE = 0.5
+"""[1] Least relative deviation of soil constants in the search for a name.
+
+Constants of plates and shear boxes need not be those of a wheel: that they are not is no effect.
+"""
+HOPELESS = -3.0
+"""[nat] Gain of a family's first law below which no other law of it is fitted."""
 _RESAMPLED = 2000
+NO_ODDS: Mapping[str, float] = MappingProxyType({})
+"""All names have equal prior odds."""
 _SHOWN_BY = ROWS[:3]
 """Rows by which an effect is one of the ground: the torque has those of the drive, too."""
 
@@ -50,7 +60,10 @@ class HeldOut:
     before: Floats
     after: Floats | None  # None where nothing is to be added
     settings: int  # different ones among them
-    # squared distances of all errors, in deviations by repeatability and the free parameters;
+    slip: Floats  # [F]
+    load: Floats  # [F] [N]
+    measured: Floats  # [F, R]
+    # squared distances of all errors, in deviations of the rig and the free parameters;
     # chi-squared distributed with one degree of freedom a measurement where the model is true
     distances: tuple[float, ...]  # before, and after where there is one
 
@@ -64,13 +77,13 @@ class HeldOut:
         """Whether the errors are those of a model that is true, with the effect if one is added."""
         return bool(chi2.sf(self.distances[-1], max(self.measurements, 1)) >= MISFIT)
 
-    def rms(self, repeatability: tuple[float, ...]) -> tuple[float, float | None]:
-        """Return the errors before and after, in deviations of repeatability."""
-        after = None if self.after is None else _rms(self.after / repeatability)
-        return _rms(self.before / repeatability), after
+    def rms(self, deviations: tuple[float, ...]) -> tuple[float, float | None]:
+        """Return the errors before and after, in deviations of the rig."""
+        after = None if self.after is None else _rms(self.after / deviations)
+        return _rms(self.before / deviations), after
 
     def improvement_95(
-        self, repeatability: tuple[float, ...], seed: int
+        self, deviations: tuple[float, ...], seed: int
     ) -> tuple[float, float] | None:
         """Return the 95 % interval of before - after, cells resampled.
 
@@ -81,7 +94,7 @@ class HeldOut:
         generator, count = np.random.default_rng(seed), len(self.before)
         drawn = generator.integers(count, size=(_RESAMPLED, count))
         before, after = (
-            np.sqrt(np.nanmean(((each / repeatability) ** 2)[drawn], (1, 2)))
+            np.sqrt(np.nanmean(((each / deviations) ** 2)[drawn], (1, 2)))
             for each in (self.before, self.after)
         )
         low, high = np.quantile(before - after, [0.025, 0.975])
@@ -93,8 +106,8 @@ class WheelFinding:
     """The answer of some tables."""
 
     judgement: Judgement
-    found: tuple[Explained, ...]  # the most probable first
-    first: int  # number of the parameter of the first size
+    weighed: Weighed
+    bed: Rig  # with the soil constants as loose as the search takes them
     nothing: Explained
     held_out: HeldOut
     proven: (
@@ -102,6 +115,21 @@ class WheelFinding:
     )  # whether the best name helps on held-out settings; None where there are too few
     separate_by: str
     left: tuple[str, str]  # row and signal on which what the best name leaves depends most
+
+    @property
+    def first(self) -> int:
+        """Number of the parameter of the first size."""
+        return len(self.nothing.values)
+
+    @property
+    def added(self) -> Hypothesis:
+        """The effect that is named, the first of several; nothing where none is."""
+        named = self.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
+        return self.judgement.named[0] if named else NOTHING
+
+    def family(self, hypothesis: Hypothesis) -> Family:
+        """Return the family of a hypothesis that was named."""
+        return next(each for each in self.weighed.families if each.names == hypothesis.names)
 
 
 def shown_by_one_wheel() -> tuple[str, ...]:
@@ -127,59 +155,95 @@ def investigate_wheel(
     reference: frozenset[str],
     given: Hypothesis,
     names: Sequence[str],
-    thresholds: Thresholds,
     progress: ProgressCallback,
     *,
+    odds: Mapping[str, float] = NO_ODDS,
     by_trial: bool = False,
     seed: int = 0,
 ) -> WheelFinding:
-    """Fit every named effect and pairs to all cells, judge, and hold cells out.
+    """Fit every law of the named effects and pairs to all cells, judge, and hold cells out.
 
-    Effects act outside of the tables of ``reference``; ``given`` ones act everywhere. Cells are
-    held out one at a time, with all their replicates; or ``by_trial`` all cells of one trial, which
-    shows how well it repeats and nothing about new settings.
+    Effects act outside of the tables of ``reference``; ``given`` ones act everywhere. ``odds`` are
+    prior odds of names over what is usual. Cells are held out one at a time, with all their
+    replicates; or ``by_trial`` all cells of one trial, which shows how well it repeats and nothing
+    about new settings.
     """
-    cells = cells_of(rows, reference)
-    hypotheses = of_one_wheel(names)
-    model = WheelModel(bed, given, NOTHING)
-    progress(0.0, "nothing missing")
-    nothing = explain(model, cells)
-    found = _searched(bed, given, cells, hypotheses, nothing)
-    nothing = _better(nothing, explain(model, cells, start=found[0].values[: model.first]))
-    free = explain(model, cells, flexible=True, start=nothing.values)
-    gains, left = _weighed(bed, given, cells, found, nothing, free)
-    if gains.explainable - gains.best >= thresholds.anything:
-        progress(0.3, "pairs")
-        best = found[0].hypothesis
-        others = [together(best, each) for each in hypotheses if each != best]
-        pairs = _searched(bed, given, cells, others, found[0])
-        if pairs:
-            paired, less = _weighed(bed, given, cells, pairs, nothing, free)
-            if is_pair(gains, paired, thresholds):
-                found, gains, left = (
-                    [*pairs, *found],
-                    dataclasses.replace(paired, single=gains.best),
-                    less,
-                )
-    judgement = judge(gains, thresholds)
-    probabilities = {
-        name: 0.0 for each in hypotheses for name in each.names
-    } | judgement.probabilities
-    judgement = _by_design(dataclasses.replace(judgement, probabilities=probabilities), rows, found)
+    bed = loosened(bed)
+    progress(0.0, "laws")
+    nothing, weighed, best = weigh(bed, given, cells_of(rows, reference), names)
+    judgement = judge_rows(weighed, rows, names, odds)
     confusable = judgement.named if judgement.verdict is Verdict.CONFUSABLE else ()
-    judgement = by_probability(judgement)
     progress(0.6, "held-out cells")
     named = judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
     errors = held_out(
-        bed, rows, reference, [given, found[0].hypothesis if named else NOTHING], by_trial=by_trial
+        bed, rows, reference, [given, judgement.named[0] if named else NOTHING], by_trial=by_trial
     )
-    interval = errors.improvement_95(bed.repeatability, seed) if named else None
+    interval = errors.improvement_95(bed.deviations, seed) if named else None
     proven = None if interval is None else interval[0] > 0.0
     if proven is False:
         judgement, confusable = _refuted(judgement), ()
     return WheelFinding(
-        judgement, tuple(found), model.first, nothing, errors, proven, separate_by(confusable), left
+        judgement,
+        weighed,
+        bed,
+        nothing,
+        errors,
+        proven,
+        separate_by(confusable),
+        best.left,
     )
+
+
+def judge_rows(
+    weighed: Weighed, rows: Sequence[Row], names: Sequence[str], odds: Mapping[str, float] = NO_ODDS
+) -> Judgement:
+    """Return the judgement before any setting is held out, with all ``names`` in its table."""
+    judgement = judge(weighed, odds)
+    missing = {name: 0.0 for name in names if name not in judgement.probabilities}
+    judgement = dataclasses.replace(judgement, probabilities=missing | judgement.probabilities)
+    return _by_design(judgement, rows, weighed)
+
+
+def loosened(bed: Rig) -> Rig:
+    """Return the testbed with soil constants no better known than LOOSE."""
+    return dataclasses.replace(bed, constants_sd=tuple(max(LOOSE, sd) for sd in bed.constants_sd))
+
+
+def weigh(
+    bed: Rig, given: Hypothesis, cells: Cells, names: Sequence[str]
+) -> tuple[Explained, Weighed, Explained]:
+    """Fit all laws, and pairs where one effect does not do.
+
+    Returns the fit of nothing, all evidences, and the best law's fit.
+    """
+    alone = explain(WheelModel(bed, given, NOTHING), cells)
+    nothing = explain(WheelModel(bed, given, NOTHING), cells, flexible=True, start=alone.values)
+    fitted = _searched(bed, given, cells, of_one_wheel(names), nothing)
+    base = max(nothing.log_evidence, alone.log_evidence)
+    for each in tuple(fitted):
+        if each.log_evidence - base > HOPELESS:
+            others = competing(each.hypothesis)
+            fitted += _searched(bed, given, cells, others, nothing)
+    found = families(fitted)
+    best = found[0].laws[0]
+    if found[0].log_evidence - base >= NAME:
+        bare = explain(WheelModel(bed, given, best.hypothesis), cells, start=best.values)
+        if best.log_evidence - bare.log_evidence >= NAME:
+            second = [each for each in of_one_wheel(names) if each.names != best.hypothesis.names]
+            pairs = [together(best.hypothesis, each) for each in second]
+            paired = families(_searched(bed, given, cells, pairs, best))
+            # a second effect is named where it gains as much as a first one has to
+            found += [pair for pair in paired if pair.log_evidence >= found[0].log_evidence + NAME]
+            found.sort(key=lambda each: -each.log_evidence)
+    weighed = Weighed(alone.log_evidence, nothing.log_evidence, tuple(found))
+    return nothing, weighed, found[0].laws[0]
+
+
+def competing(hypothesis: Hypothesis) -> list[Hypothesis]:
+    """Return the other laws of the one effect of a hypothesis."""
+    effect = hypothesis.effects[0]
+    count = len(describe(effect.name).competing)
+    return [Hypothesis((dataclasses.replace(effect, competing=k),)) for k in range(count)]
 
 
 def lacking_in_reference(
@@ -188,7 +252,6 @@ def lacking_in_reference(
     reference: frozenset[str],
     given: Hypothesis,
     names: Sequence[str],
-    thresholds: Thresholds,
     progress: ProgressCallback,
     seed: int = 0,
 ) -> Hypothesis:
@@ -198,64 +261,37 @@ def lacking_in_reference(
     settings that are too few to hold one out say nothing.
     """
     own = [row for row in rows if row.table in reference]
-    if len(cells_of(own).slip) < FEWEST_HELD_OUT:
+    cells = cells_of(own)
+    if len(cells.slip) < FEWEST_HELD_OUT:
         return NOTHING
-    finding = investigate_wheel(
-        bed, own, frozenset(), given, names, thresholds, progress, seed=seed
-    )
+    progress(0.0, "laws")
+    _, weighed, _ = weigh(loosened(bed), given, cells, names)
+    if judge_rows(weighed, own, names).verdict is not Verdict.NAMED:
+        return NOTHING
+    finding = investigate_wheel(bed, own, frozenset(), given, names, progress, seed=seed)
     named = finding.judgement.verdict is Verdict.NAMED and finding.proven
-    return finding.found[0].hypothesis if named else NOTHING
+    return finding.added if named else NOTHING
 
 
 def _searched(
     bed: Rig, given: Hypothesis, cells: Cells, hypotheses: Sequence[Hypothesis], simpler: Explained
 ) -> list[Explained]:
-    """Return fits of all, the most probable first.
-
-    Each begins at the parameters of a ``simpler`` one, single effects at the nominal soil too.
-    """
+    """Return fits of all with a model error, from the parameters of a ``simpler`` one."""
     found = []
     for model in (WheelModel(bed, given, each) for each in hypotheses):
-        fitted = explain(
-            model,
-            cells,
-            start=np.concatenate([simpler.values, model.start()[len(simpler.values) :]]),
-        )
-        found.append(
-            fitted if simpler.hypothesis.effects else _better(fitted, explain(model, cells))
-        )
-    return sorted(found, key=lambda each: -each.log_evidence)
+        start = np.concatenate([simpler.values, model.start()[len(simpler.values) :]])
+        found.append(explain(model, cells, flexible=True, start=start))
+    return found
 
 
-def _better(first: Explained, second: Explained) -> Explained:
-    return first if first.log_evidence >= second.log_evidence else second
-
-
-def _weighed(
-    bed: Rig,
-    given: Hypothesis,
-    cells: Cells,
-    found: Sequence[Explained],
-    nothing: Explained,
-    free: Explained,
-) -> tuple[Gains, tuple[str, str]]:
-    """Return the numbers of the rule, and the row and signal of the best fit's rest."""
-    best, base = found[0], nothing.log_evidence
-    best_with = explain(
-        WheelModel(bed, given, best.hypothesis), cells, flexible=True, start=best.values
-    )
-    named = tuple((each.hypothesis, each.log_evidence - base) for each in found)
-    return Gains(named, free.log_evidence - base, best_with.log_evidence - base), best_with.left
-
-
-def _by_design(judgement: Judgement, rows: Sequence[Row], found: Sequence[Explained]) -> Judgement:
+def _by_design(judgement: Judgement, rows: Sequence[Row], weighed: Weighed) -> Judgement:
     """Add the rate law to a slip law, and the reverse, where the design does not separate them.
 
     At one speed of the carriage slip and wheel rate vary together.
     """
     speeds = [row.wheel_rate * (1.0 - row.slip) / math.cos(row.slip_angle) for row in rows]
     named = [name for each in judgement.named for name in each.names]
-    there = {each.hypothesis.names: each.hypothesis for each in found}
+    there = {each.names: each.laws[0].hypothesis for each in weighed.families}
     both = [there[name,] for name in (BY_SLIP, BY_RATE) if (name,) in there]
     varied = max(speeds) > SAME_SPEED * min(speeds)
     if (
@@ -271,20 +307,6 @@ def _by_design(judgement: Judgement, rows: Sequence[Row], found: Sequence[Explai
     return Judgement(
         Verdict.CONFUSABLE, sets, judgement.probabilities | {BY_SLIP: shared, BY_RATE: shared}
     )
-
-
-def by_probability(judgement: Judgement) -> Judgement:
-    """Return the judgement with the verdict none or unknown where that is most probable.
-
-    A verdict that names effects while nothing missing is more probable than each of them would
-    contradict its own table.
-    """
-    leader = max(judgement.probabilities, key=judgement.probabilities.__getitem__)
-    if leader == "none":
-        return dataclasses.replace(judgement, verdict=Verdict.NONE, named=())
-    if leader == "unknown":
-        return dataclasses.replace(judgement, verdict=Verdict.UNKNOWN, named=judgement.named[:1])
-    return judgement
 
 
 def _refuted(judgement: Judgement) -> Judgement:
@@ -315,36 +337,47 @@ def held_out(
     ]
     errors: list[list[Floats]] = [[] for _ in models]
     distances = [0.0] * len(models)
-    for left, out in _folds(rows, reference, by_trial=by_trial):
+    folds = _folds(rows, reference, by_trial=by_trial)
+    for left, out in folds:
         for k, model in enumerate(models):
             values = explain(model, left).values
             error, distance = _missed(model, left, out, values)
             errors[k].append(error)
             distances[k] += distance
     before, *after = (np.concatenate(each) if each else np.zeros((0, len(ROWS))) for each in errors)
+    slip, load, measured = (
+        np.concatenate([getattr(out, name).numpy() for _, out in folds])
+        for name in ("slip", "load", "measured")
+    )
     settings = int(cells_of(rows, reference).acts.sum())
-    return HeldOut(before, after[0] if after else None, settings, tuple(distances))
+    return HeldOut(
+        before, after[0] if after else None, settings, slip, load, measured, tuple(distances)
+    )
 
 
 def _missed(model: WheelModel, left: Cells, out: Cells, values: Floats) -> tuple[Floats, float]:
     """Return the errors [F, R] of held-out cells, and their squared distance.
 
-    The covariance is that of a true model: repeatability, and the parameters' uncertainty by
-    repeatability (linearised). An excess that the fit needs is no part of it.
+    The covariance is that of a true model: repeatability and errors of reading, that of slip
+    included, and what they leave uncertain of the parameters (linearised). An excess that the fit
+    needs is no part of it.
     """
-    noise = np.array(model.bed.repeatability)
+    noise = np.array(model.bed.deviations)
 
-    def scaled(cells: Cells) -> tuple[Floats, Floats]:
+    def scaled(cells: Cells) -> tuple[Floats, Floats, Floats]:
         modelled, by = model.jacobian(cells, values)
         seen = cells.seen.numpy()
         error = (cells.measured.numpy() - modelled) / noise
-        return error, (by / noise[:, None])[seen]
+        covariance = np.eye(seen.size) + model.slip_errors(cells, values)
+        every = seen.ravel()
+        return error, (by / noise[:, None])[seen], covariance[np.ix_(every, every)]
 
-    _, fitted = scaled(left)
-    error, slope = scaled(out)
-    parameters = np.linalg.inv(fitted.T @ fitted + np.eye(fitted.shape[1]))
+    _, fitted, known = scaled(left)
+    error, slope, covariance = scaled(out)
+    information = fitted.T @ np.linalg.solve(known, fitted)
+    parameters = np.linalg.inv(information + np.eye(fitted.shape[1]))
     short = error[out.seen.numpy()]
-    covariance = np.eye(len(short)) + slope @ parameters @ slope.T
+    covariance += slope @ parameters @ slope.T
     return error * noise, float(short @ np.linalg.solve(covariance, short))
 
 

@@ -22,9 +22,10 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "slip_angle": {"deg": 1.0, "rad": 180.0 / math.pi},
     "lateral_force": {"N": 1.0, "kN": 1e3},
     "torque": {"Nm": 1.0, "mNm": 1e-3, "kNm": 1e3},
+    "current": {"A": 1.0, "mA": 1e-3},
 }
-"""Columns, their units and the factors to [1], N, rad/s, m, N, degrees, N and N m."""
-OPTIONAL = ("slip_angle", "lateral_force", "torque")
+"""Columns, their units and the factors to [1], N, rad/s, m, N, degrees, N, N m and A."""
+OPTIONAL = ("slip_angle", "lateral_force", "torque", "current")
 """Columns that may be absent: then the wheel moves straight ahead, and its torque is unknown."""
 TRIAL = "trial"
 """Column that numbers the repetitions."""
@@ -34,6 +35,8 @@ SIDEWAYS_DEG = 89.0
 """[deg] Slip angle up to which it rolls at all."""
 SLIP_DEFINITIONS = ("rim", "larger")
 """1 - V / (r w); or (r w - V) / max(r w, V), which divides by V where the wheel is braked."""
+SLIP_RADII = ("rim", "lug")
+"""Radius r in a slip: that of the rim, or of the lugs' tips."""
 SLIP_SPEEDS = ("carriage", "wheel")
 """Speed V at a slip angle: that of the carriage, or its part along the wheel's heading."""
 
@@ -57,19 +60,43 @@ def read_table(
     slip_definition: str,
     slip_speed: str = "carriage",
     largest_angle: float = SIDEWAYS_DEG,
+    radius_ratio: float = 1.0,
+    torque_constant: float | None = None,
 ) -> tuple[list[Row], list[str]]:
     """Return the rows of a table, and why some are left out.
 
+    ``radius_ratio`` is the radius in the table's slip over that of the rim, ``torque_constant`` the
+    torque at the wheel for each ampere of the motor [N m/A], by which a current is a torque.
+
     Raises:
         WheelTableError: it is no CSV in UTF-8, a column is missing or there twice or its unit
-            unknown, a cell is no finite number, a row has more cells than there are columns, or a
-            sign is another than here.
+            unknown, a cell is no finite number, a row has more cells than there are columns, a
+            sign is another than here, or a torque is given twice.
         OSError: it cannot be read.
     """
     table = _lines(path)
     header = table[0] if table else []
     columns = _columns(path, header)
     rows, left_out = [], []
+    current = columns.pop("current", None)
+    if torque_constant is not None and current is None:
+        raise WheelTableError(
+            f"{path}:1: no column current_A or current_mA: leave out --torque-constant, or give the"
+            " motor's current in every table"
+        )
+    if current:
+        if torque_constant is None:
+            left_out.append(
+                f"{path}:1: column {current[1].name} is not used: give --torque-constant [N m/A]"
+            )
+        elif "torque" in columns:
+            raise WheelTableError(
+                f"{path}:1: columns {columns['torque'][1].name!r} and {current[1].name!r} both say"
+                " the torque: leave out --torque-constant, or delete one column"
+            )
+        else:
+            index, column = current
+            columns["torque"] = index, _Column(column.name, torque_constant * column.factor)
     for number, cells in enumerate(table[1:], start=2):
         if not "".join(cells).strip():
             continue
@@ -85,7 +112,7 @@ def read_table(
         }
         trial = _text(cells, columns[TRIAL][0]) if TRIAL in columns else "1"
         _check_signs(f"{path}:{number}: column", values, columns)
-        slip = rim_slip(values["slip"], slip_definition)
+        slip = rim_slip(values["slip"], slip_definition, radius_ratio)
         if reason := _left_out(values, slip, largest_angle):
             left_out.append(f"{path}:{number}: {reason}")
         elif slip is not None:
@@ -164,11 +191,16 @@ def _row(path: Path, trial: str, slip: float, values: Mapping[str, float], slip_
     return Row(str(path), trial, along, *state, angle, values["lateral_force"], torque)
 
 
-def rim_slip(slip: float, definition: str) -> float | None:
-    """Return 1 - V / (r w) from the slip of another definition; None where the wheel stands."""
-    if definition == "rim" or slip >= 0.0:
-        return slip
-    return None if slip <= -1.0 + 1e-9 else 1.0 - 1.0 / (1.0 + slip)
+def rim_slip(slip: float, definition: str, radius_ratio: float = 1.0) -> float | None:
+    """Return 1 - V / (r w), r of the rim, from the slip of another definition and radius.
+
+    None where the wheel stands.
+    """
+    if definition != "rim" and slip < 0.0:
+        if slip <= -1.0 + 1e-9:
+            return None
+        slip = 1.0 - 1.0 / (1.0 + slip)
+    return slip if radius_ratio == 1.0 else 1.0 - (1.0 - slip) * radius_ratio
 
 
 def _columns(path: Path, header: list[str]) -> dict[str, tuple[int, _Column]]:
@@ -197,6 +229,8 @@ def _column(path: Path, name: str) -> tuple[str, _Column] | None:
     """Return quantity and unit of a column; None where it is not read."""
     if name == TRIAL:
         return TRIAL, _Column(name, 1.0)
+    if name.startswith("current_") and name.removeprefix("current_") not in UNITS["current"]:
+        return None  # as a current's limit or deviation
     for key, units in UNITS.items():
         unit = name.removeprefix(key).removeprefix("_")
         if name == key or (name.startswith(f"{key}_") and not unit.startswith(("std", "angle"))):

@@ -15,8 +15,8 @@ from typing import Any, TypeVar
 
 from rover_parameters.parameters import effective, fingerprint
 from terrain_estimator.bags import BagError, BagExistsError, BagWriter, Split
-from terrain_estimator.bags.writing.worker import Worker
 from terrain_estimator.config.recorder import RecorderConfig
+from terrain_estimator.files.worker import Worker
 
 MOMENT_S = 0.5
 """Longest wait for a write: later messages wait in memory, and callbacks are served."""

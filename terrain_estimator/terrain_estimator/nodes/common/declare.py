@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Declare a node's parameters beside the quality of service that a user may override."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TypeVar
 
 from rclpy.node import Node
@@ -21,6 +21,7 @@ def declare(
     *,
     changeable: bool = False,
     fixed: Iterable[str] = (),
+    arguments: Sequence[str] | None = None,
 ) -> Config:
     """Read and declare all parameters of ``config`` by :func:`rover_parameters.declare.declare`.
 
@@ -30,6 +31,7 @@ def declare(
         topics: those whose subscriptions take ``qos_overrides``.
         changeable: as there.
         fixed: as there.
+        arguments: as there.
 
     Raises:
         ConfigError: as there, or an override that no subscription has.
@@ -39,4 +41,11 @@ def declare(
         key: value for key, value in strict.given(node).items() if key.startswith(OVERRIDES)
     }
     check_overrides(overrides, map(node.resolve_topic_name, topics))
-    return strict.declare(node, config, overrides, changeable=changeable, fixed=frozenset(fixed))
+    return strict.declare(
+        node,
+        config,
+        overrides,
+        changeable=changeable,
+        fixed=frozenset(fixed),
+        arguments=arguments,
+    )

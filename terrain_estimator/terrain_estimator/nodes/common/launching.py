@@ -13,10 +13,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from ament_index_python.packages import get_package_share_directory
 from launch import LaunchContext
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 
 from rover_parameters.records import ConfigError, nearest
+from terrain_estimator.model.metadata import model_path, read_metadata
+from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
+from terramechanics.description.urdf import to_urdf
+from terramechanics.presets import load_rover
 
 PACKAGE = "terrain_estimator"
 Arguments: TypeAlias = Mapping[str, tuple[str | None, str]]
@@ -35,6 +42,10 @@ SHARED: Arguments = {
             " share/terrain_estimator/config; empty: none"
         ),
     ),
+    "composed": (
+        "false",
+        "run the nodes in one process, but for the dashboard: a third of the memory",
+    ),
     "respawn": ("false", "start a node of the rover anew when its process has ended"),
     "respawn_delay": ("2.0", "[s] before that"),
 }
@@ -47,8 +58,30 @@ ONE_ROVER: Arguments = {
         "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)",
     ),
     "output": ("", "folder of the bag, must not exist; empty: bags/<UTC time>"),
+    "rviz": (
+        "false",
+        "show the rover in RViz, with robot_state_publisher (docs/rviz_and_nav2.md)",
+    ),
 }
 """Arguments of the launch files for one rover."""
+REMAPPED = {
+    **{name: name for name in (*INPUT_TYPES, *OUTPUT_TYPES)},
+    "estimator_health": "estimator_health",
+    "traction_advice": "traction_advice",
+    "terrain_map": "terrain_map",
+    "terrain_grid": "terrain_grid",
+    "wheel_markers": "wheel_markers",
+    "ground_truth": "ground_truth/terrain",
+    "diagnostics": "/diagnostics",
+}
+"""Topics by the argument that gives each another name."""
+TOPICS: Arguments = {
+    argument: (topic, f"name of the topic {topic} for all nodes, as docs/messages.md describes it")
+    for argument, topic in REMAPPED.items()
+}
+"""Arguments for the names of topics."""
+TF = [("/tf", "tf"), ("/tf_static", "tf_static")]
+"""With a namespace, tf is in it, as with Nav2: two rovers have two trees of the same frames."""
 
 
 def declared(arguments: Arguments) -> list[Any]:
@@ -63,6 +96,54 @@ def declared(arguments: Arguments) -> list[Any]:
         for name, (default, text) in arguments.items()
     ]
     return [OpaqueFunction(function=partial(_refuse_others, arguments)), *actions]
+
+
+def remappings(value: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Return the remappings of topics that have another name than their own.
+
+    Raises:
+        ConfigError: a name is empty, or two topics would have one.
+    """
+    names = {argument: value[argument] for argument in REMAPPED}
+    for argument, name in names.items():
+        if not name:
+            raise ConfigError(f"{argument}:=: give the name of a topic, or leave the argument out")
+        twin = next(each for each, other in names.items() if other == name)
+        if twin != argument:
+            raise ConfigError(f"{argument}:={name}: this is the name of {twin}, too")
+    return [(topic, names[each]) for each, topic in REMAPPED.items() if names[each] != topic]
+
+
+def viewers(value: Mapping[str, str]) -> list[Node]:
+    """Return RViz and the node that publishes the links of the rover, or of the model's rover."""
+    rover = (
+        load_rover(value["rover"])
+        if value["rover"]
+        else read_metadata(model_path(value["model"]).with_suffix(".json")).rover
+    )
+    common = {
+        "namespace": value["namespace"],
+        "remappings": [*TF, *remappings(value)],
+        "output": "screen",
+    }
+    clock = {"use_sim_time": value["use_sim_time"] == "true"}
+    urdf = ParameterValue(to_urdf(rover), value_type=str)
+    config = str(Path(get_package_share_directory(PACKAGE), "rviz", "rover.rviz"))
+    return [
+        Node(
+            package="robot_state_publisher",
+            executable="robot_state_publisher",
+            parameters=[{"robot_description": urdf, **clock}],
+            **common,
+        ),
+        Node(
+            package="rviz2",
+            executable="rviz2",
+            arguments=["-d", config],
+            parameters=[clock],
+            **common,
+        ),
+    ]
 
 
 def seconds(value: Mapping[str, str], name: str) -> float:

@@ -15,11 +15,13 @@ from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 
 from rover_parameters.declare import in_force
+from rover_parameters.ending import destroy
 from rover_parameters.parameters import check, configure, effective
 from rover_parameters.records import ConfigError, shortened
 from terrain_estimator.messaging.diagnostics import CLOCK, STATE, CheckResult
 from terrain_estimator.nodes.common.declare import declare
 from terrain_estimator.nodes.common.diagnostics import DiagnosticsPublisher
+from terrain_estimator.nodes.common.executor import take_message
 from terrain_estimator.nodes.common.running import guarded, spin
 
 ACTIVE, INACTIVE, UNCONFIGURED = "active", "inactive", "unconfigured"
@@ -53,14 +55,21 @@ class ManagedNode(LifecycleNode):
             config: of its parameters.
             stop: ends :meth:`serve`; the transition "shutdown" sets it.
             topics: those whose subscriptions take ``qos_overrides``.
-            options: of rclpy's Node: a namespace or a context, where several nodes are in one
-                process.
+            options: of rclpy's Node: arguments or a context of its own, where several nodes are in
+                one process.
 
         Raises:
             ConfigError: a parameter is wrong.
         """
         super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
-        self.config = declare(self, config, topics, changeable=True, fixed=self.fixed)
+        self.config = declare(
+            self,
+            config,
+            topics,
+            changeable=True,
+            fixed=self.fixed,
+            arguments=options.get("cli_args"),
+        )
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.wrong = ""  # why the last transition failed
         self.failures = 0  # callbacks that raised
@@ -98,6 +107,11 @@ class ManagedNode(LifecycleNode):
         """Return the checks for /diagnostics beside those of state and clock."""
 
     @property
+    def exit_code(self) -> int:
+        """The exit code of a process that serves this node."""
+        return 0
+
+    @property
     def state(self) -> str:
         """The label of the present state."""
         return str(self._state_machine.current_state[1])
@@ -108,7 +122,7 @@ class ManagedNode(LifecycleNode):
             self.start()
         spin(self, self._stop, self._count_failure)
         self.end()
-        self.destroy_node()
+        destroy(self, self.exit_code)
 
     def start(self) -> None:
         """Configure and activate; a failure is logged."""
@@ -121,6 +135,11 @@ class ManagedNode(LifecycleNode):
             self.trigger_deactivate()
         if self.state == INACTIVE:
             self.trigger_cleanup()
+
+    def destroy_node(self) -> None:
+        """Destroy the node, and its state machine, which would keep its name in the graph."""
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
 
     def guard(self, callback: Callable[..., None]) -> Callable[..., None]:
         """Wrap a callback so that an exception is logged and counted instead of raised."""
@@ -255,18 +274,9 @@ def _shown(names: Iterable[str], values: Mapping[str, object]) -> str:
 def drain(subscriptions: Iterable[Subscription]) -> None:
     """Process the messages that wait in the queues, one of each in turn, as an executor does.
 
-    Destroying a subscription would lose them. The callbacks take a message and the reception's
-    details, and never raise. At most a full queue of each is taken: messages may go on arriving.
+    Destroying a subscription would lose them. The callbacks never raise. At most a full queue of
+    each is taken: messages may go on arriving.
     """
     waiting = list(subscriptions)
     for _ in range(max((each.qos_profile.depth for each in waiting), default=0)):
-        waiting = [each for each in waiting if _serve(each)]
-
-
-def _serve(subscription: Subscription) -> bool:
-    """Process one message; return whether there was one."""
-    with subscription.handle:
-        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-    if taken is not None:
-        subscription.callback(*taken)
-    return taken is not None
+        waiting = [each for each in waiting if take_message(each)]

@@ -47,6 +47,8 @@ def _plan(type_name: str) -> tuple[type[Any], dict[str, Callable[[Any], object]]
 
 
 def _converter(kind: str) -> Callable[[Any], object]:
+    if kind == "sequence<int8>":  # a grid of a million cells: bytes are not looked at one by one
+        return lambda values: array.array("b", np.asarray(values, dtype=np.int8).tobytes())
     code = _ARRAY_CODE.get(kind)
     if code is not None:
         return lambda values: array.array(code, values)

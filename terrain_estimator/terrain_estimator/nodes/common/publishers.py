@@ -8,8 +8,6 @@ from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from terrain_estimator.bags import Qos
-from terrain_estimator.bags.format.qos import INFINITE_NS
 from terrain_estimator.messaging.diagnostics import PUBLISHERS, CheckResult
 from terrain_estimator.nodes.common.qos import qos_in_force
 
@@ -35,22 +33,6 @@ def incompatible_publishers(node: Node, topic: str, type_name: str, qos: QoSProf
     return PUBLISHERS.judge(len(problems), topic, f"{topic}: {'; '.join(problems) or 'none'}")
 
 
-def bag_qos(publisher: TopicEndpointInfo) -> Qos:
-    """Return the quality of service that a publisher offers, as a bag stores it."""
-    profile = publisher.qos_profile
-    return Qos(
-        history=profile.history.short_key,
-        depth=profile.depth,
-        reliability=profile.reliability.short_key,
-        durability=profile.durability.short_key,
-        deadline_ns=_duration_ns(profile.deadline.nanoseconds),
-        lifespan_ns=_duration_ns(profile.lifespan.nanoseconds),
-        liveliness=profile.liveliness.short_key,
-        liveliness_lease_ns=_duration_ns(profile.liveliness_lease_duration.nanoseconds),
-        avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
-    )
-
-
 def type_conflicts(
     publishers: Iterable[TopicEndpointInfo], type_name: str, type_hash: str
 ) -> Iterator[str]:
@@ -69,8 +51,3 @@ def type_conflicts(
                 f"a publisher has another definition of {type_name} than the installed one: its"
                 " messages may not be readable"
             )
-
-
-def _duration_ns(nanoseconds: int) -> int:
-    """Return a duration, and infinity for one that is not set, as DDS understands it."""
-    return nanoseconds or INFINITE_NS

@@ -7,8 +7,10 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+
+from rover_parameters.ending import destroy
+from terrain_estimator.nodes.common.executor import MessageExecutor
 
 POLL_S = 0.1
 LOG_PERIOD_S = 5.0
@@ -38,11 +40,11 @@ def guarded(
 
 
 def guarded_turn(node: Node, failed: Callable[[], None] = lambda: None) -> Callable[[float], None]:
-    """Return a function that serves one callback of a node, waiting for it at most the given [s].
+    """Return a function that serves what is ready of a node, waiting for it at most the given [s].
 
     It never raises. rclpy's own callbacks do, at a /clock before zero for instance.
     """
-    executor = SingleThreadedExecutor()
+    executor = MessageExecutor()
     executor.add_node(node)
     return guarded(node, executor.spin_once, failed)
 
@@ -57,5 +59,5 @@ def spin(node: Node, stop: threading.Event, failed: Callable[[], None] = lambda:
 def serve(node: Node, stop: threading.Event) -> int:
     """Spin a node until ``stop`` is set and destroy it; return the exit code 0."""
     spin(node, stop)
-    node.destroy_node()
+    destroy(node)
     return 0

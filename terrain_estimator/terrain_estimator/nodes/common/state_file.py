@@ -18,9 +18,9 @@ from typing import BinaryIO, TypeVar
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
-from terrain_estimator.bags.writing.worker import Worker
 from terrain_estimator.estimator.saved_state import StateFileError
 from terrain_estimator.files.atomic import write_file
+from terrain_estimator.files.worker import Worker
 from terrain_estimator.messaging.diagnostics import SAVING, CheckResult
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.offline.state_files import is_foreign, read_state

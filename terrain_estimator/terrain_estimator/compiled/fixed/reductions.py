@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fixed forms of sums and of what else makes one number of several."""
+
+from collections.abc import Callable
+
+from terrain_estimator.compiled.fixed.lengths import indexed, nested_named, same, times, written
+from terrain_estimator.compiled.fixed.recording import Step, UnfitError
+from terrain_estimator.compiled.fixed.writer import Writer
+
+_STARTS = {
+    "sum": ("0.0", "add"), "mean": ("0.0", "add"),
+    "amax": ("-elementary::kInfinity", "larger"), "amin": ("elementary::kInfinity", "smaller"),
+    "any": ("0.0", "logical_or"), "all": ("1.0", "logical_and"),
+}  # fmt: skip
+
+
+def _reduce(form: Writer, step: Step) -> None:
+    """Write a reduction: one result after the other, or several at once in memory."""
+    (result,), source, name = step.results, step.arguments[0], step.name
+    given = step.arguments[1] if len(step.arguments) > 2 else None
+    expression = form.expression(source)
+    rank = len(expression.sizes)
+    dims = (
+        [d[0] % rank for d in given]
+        if isinstance(given, list) and given
+        else ([given[0] % rank] if isinstance(given, tuple) else list(range(rank)))
+    )
+    start, function = _STARTS[name]
+    if form.buffers[result.buffer].kind == "kInteger" and name == "mean":
+        raise UnfitError("a mean of integers")
+    form.new(result.buffer)
+    kept = [d for d in range(rank) if d not in dims]
+    out = form.rows(result.buffer, [expression.sizes[d] for d in kept])
+    own = dict(zip(kept, out.strides, strict=True))
+    outs = [own.get(d, same(0)) for d in range(rank)]
+    strides = [outs, *(leaf.strides for leaf in expression.leaves)]
+    for leaf in expression.leaves:
+        form.pointer(leaf.buffer)
+    outer = form.loops(expression.sizes, strides, kept)
+    inner = form.loops(expression.sizes, strides, sorted(dims))
+    loops = [*outer, *inner]
+    index = [[(f"i{k}", each[n]) for k, (_, each) in enumerate(loops)] for n in range(len(strides))]
+    target = f"b{result.buffer}[{indexed(same(0), index[0])}]"
+    value = form.spelt(expression, index[1:])
+    wide = bool(outer) and outer[-1][0][0] >= 4 and bool(inner)
+    if wide:
+        # several results at once, in memory; each is still summed in its own order
+        last = len(outer) - 1
+        row = [(f"i{last}", outer[-1][0])]
+        sums = nested_named(
+            [(f"i{len(outer) + k}", s) for k, (s, _) in enumerate(inner)],
+            nested_named(row, f"{target} = scalar::{function}({target}, {value});", ivdep=True),
+        )
+        fill = nested_named(row, f"{target} = {start};", ivdep=True)
+        form.lines.append(
+            nested_named(
+                [(f"i{k}", s) for k, (s, _) in enumerate(outer[:-1])],
+                "{ " + fill + " " + sums + " }",
+            )
+        )
+    else:
+        sums = nested_named(
+            [(f"i{len(outer) + k}", s) for k, (s, _) in enumerate(inner)],
+            f"total = scalar::{function}(total, {value});",
+        )
+        form.lines.append(
+            nested_named(
+                [(f"i{k}", s) for k, (s, _) in enumerate(outer)],
+                f"{{ double total = {start}; {sums} {target} = total; }}",
+            )
+        )
+    if name == "mean":
+        total, count = times(*expression.sizes), times(*(out.sizes or [same(1)]))
+        divisor = f"(static_cast<double>({written(total)}) / static_cast<double>({written(count)}))"
+        place = f"b{result.buffer}[i0]"
+        form.lines.append(
+            nested_named([("i0", count)], f"{place} = {place} / {divisor};", ivdep=True)
+        )
+
+
+REDUCTIONS: dict[str, Callable[[Writer, Step], None]] = dict.fromkeys(_STARTS, _reduce)

@@ -1,0 +1,178 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a form consists of while it is written: memory, expressions that wait, and lines of C++."""
+
+import re
+from collections.abc import Sequence
+
+import torch
+
+from terrain_estimator.compiled.fixed.expressions import Expression, Leaf, number
+from terrain_estimator.compiled.fixed.lengths import indexed, nested, plus, same, times, written
+from terrain_estimator.compiled.fixed.recording import Buffer, Number, Place, UnfitError
+from terrain_estimator.compiled.graphs import Anything
+
+_SLOW = re.compile(
+    r"scalar::(div|reciprocal|sqrt|pow|exp|expm1|log|tan|asin|tanh|erfc|remainder)\("
+)
+"""Functions that take longer than to write a number and to read it."""
+
+
+class Writer:
+    """Writes the lines of one form, for those who know the operators."""
+
+    def __init__(self, buffers: list[Buffer], returned: set[int], uses: dict[int, int]) -> None:
+        """Take a call's buffers, which of them it returns, and how often each one is used."""
+        self.buffers = buffers
+        self.lines: list[str] = []
+        self.made: set[int] = set()  # buffers that have their numbers
+        self.temporary: dict[int, int] = {}  # numbers of each buffer that lives within the form
+        self._returned, self._uses = returned, uses
+        self._waiting: dict[int, Expression] = {}
+
+    # ---- memory
+
+    def pointer(self, buffer: int) -> str:
+        """Return the C++ pointer to a buffer that has its numbers."""
+        if buffer in self._waiting:
+            self.store(buffer, self._waiting.pop(buffer))
+        each = self.buffers[buffer]
+        if buffer not in self.made:
+            self.made.add(buffer)
+            if each.constant and not each.source:
+                values = each.values
+                if values is None or each.count[0] != each.count[1]:
+                    raise UnfitError("a constant grows with the hypotheses")
+                listed = ", ".join(number(v) for v in values.to(torch.float64).flatten().tolist())
+                self.lines.append(f"static constexpr double b{buffer}[] = {{{listed or '0.0'}}};")
+        return each.source if each.constant and each.source else f"b{buffer}"
+
+    def new(self, buffer: int) -> None:
+        """Take memory for a buffer that a step writes."""
+        each = self.buffers[buffer]
+        if buffer in self.made:
+            raise UnfitError("a buffer is written twice")
+        self.made.add(buffer)
+        count = written(each.count)
+        if buffer in self._returned:
+            self.lines.append(
+                f"const Tensor o{buffer} = Tensor::empty(Integers{{{count}}}, Kind::{each.kind});"
+                f" double* const b{buffer} = o{buffer}.data();"
+            )
+        elif count.isdigit():
+            self.temporary[buffer] = int(count)
+        else:
+            self.lines.append(
+                f"const Shared<Storage> o{buffer} = Storage::of({count});"
+                f" double* const b{buffer} = o{buffer}->data();"
+            )
+
+    def rows(self, buffer: int, sizes: Sequence[Number]) -> Place:
+        """Return the whole of a buffer with these sizes."""
+        strides, stride = [], same(1)
+        for size in reversed(sizes):
+            strides.append(stride)
+            stride = times(stride, size)
+        return Place(buffer, same(0), tuple(sizes), tuple(reversed(strides)))
+
+    # ---- expressions
+
+    def is_used_again(self, buffer: int) -> bool:
+        """Return whether a buffer is used more than once, or returned."""
+        return self._uses.get(buffer, 0) > 1
+
+    def defer(self, buffer: int, expression: Expression) -> None:
+        """Keep a buffer's expression for the loop that uses it, where only one does."""
+        self._waiting[buffer] = expression
+        if self._uses.get(buffer) != 1:
+            self.pointer(buffer)
+
+    def expression(self, value: Anything, within: Sequence[Number] | None = None) -> Expression:
+        """Return an argument as an expression: what is pending where it is used here alone.
+
+        A loop over sizes ``within`` that are larger would repeat it for each of its numbers: there
+        slow functions are written down first.
+        """
+        if isinstance(value, tuple):
+            if value[0] != value[1]:
+                raise UnfitError("a number grows with the hypotheses")
+            value = value[0]
+        if not isinstance(value, Place):
+            return Expression([], number(float(value)), [])
+        sizes = list(value.sizes)
+        pending = self._waiting.get(value.buffer)
+        if (
+            pending is not None
+            and self._uses.get(value.buffer) == 1
+            and value == self.rows(value.buffer, sizes)
+            and pending.sizes == sizes
+            and not (
+                within is not None
+                and times(*within) != times(*sizes)
+                and _SLOW.search(pending.text)
+            )
+        ):
+            del self._waiting[value.buffer]
+            return pending
+        self.pointer(value.buffer)
+        return Expression(sizes, "{0}", [Leaf(value.buffer, value.offset, list(value.strides))])
+
+    def spelt(self, expression: Expression, index: list[list[tuple[str, Number]]]) -> str:
+        """Return an expression at an index of each leaf: variables with their strides."""
+        texts = []
+        for leaf, own in zip(expression.leaves, index, strict=True):
+            texts.append(f"{self.pointer(leaf.buffer)}[{indexed(leaf.offset, own)}]")
+        return re.sub(r"\{(\d+)\}", lambda m: texts[int(m[1])], expression.text)
+
+    def loops(
+        self, sizes: Sequence[Number], strides: list[list[Number]], order: Sequence[int]
+    ) -> list[tuple[Number, list[Number]]]:
+        """Return loops from the outermost, neighbours joined where all operands allow it."""
+        loops: list[tuple[Number, list[Number]]] = []
+        for d in order:
+            size, own = sizes[d], [s[d] for s in strides]
+            if size == same(1):
+                continue
+            if loops:
+                outer, before = loops[-1]
+                if all(b == times(s, size) for b, s in zip(before, own, strict=True)):
+                    loops[-1] = times(outer, size), own
+                    continue
+            loops.append((size, own))
+        return loops
+
+    def assign(self, to: Place, expression: Expression) -> None:
+        """Write an expression into a place."""
+        wide = expression.broadcast(to.sizes)
+        for leaf in wide.leaves:
+            self.pointer(leaf.buffer)
+        strides = [list(to.strides), *(leaf.strides for leaf in wide.leaves)]
+        order = sorted(range(len(to.sizes)), key=lambda d: -to.strides[d][1])
+        loops = self.loops(to.sizes, strides, order)
+        index = [
+            [(f"i{k}", own[n]) for k, (_, own) in enumerate(loops)] for n in range(len(strides))
+        ]
+        target = f"b{to.buffer}[{indexed(to.offset, index[0])}]"
+        body = f"{target} = {self.spelt(wide, index[1:])};"
+        self.lines.append(nested([size for size, _ in loops], body))
+
+    def store(self, buffer: int, expression: Expression) -> None:
+        """Write an expression into a buffer of its own."""
+        self.new(buffer)
+        self.assign(self.rows(buffer, expression.sizes), expression)
+
+    # ---- parts of a tensor
+
+    def part(self, to: Place, at: int, start: Number, length: Number) -> Place:
+        """Return ``length`` elements of a dimension from ``start`` on."""
+        sizes = (*to.sizes[:at], length, *to.sizes[at + 1 :])
+        offset = plus(to.offset, times(start, to.strides[at]))
+        return Place(to.buffer, offset, sizes, to.strides)
+
+    def selected(self, to: Place, at: int, place: Number) -> Place:
+        """Return one element of a dimension, which then is gone."""
+        offset = plus(to.offset, times(place, to.strides[at]))
+        return Place(
+            to.buffer, offset, to.sizes[:at] + to.sizes[at + 1 :],
+            to.strides[:at] + to.strides[at + 1 :],
+        )  # fmt: skip

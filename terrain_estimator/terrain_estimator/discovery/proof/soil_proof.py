@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The proof of revised soil constants on held-out runs, and of a whole finding."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+from terrain_estimator.discovery.evidence.search import Candidate, Study
+from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
+from terrain_estimator.discovery.hypotheses.contributions import Contributions, here
+from terrain_estimator.discovery.hypotheses.rows import Nominal
+from terrain_estimator.discovery.proof.proof import (
+    LIKELIER,
+    Proof,
+    evidences,
+    models_of,
+    prove,
+    settled,
+)
+from terrain_estimator.discovery.report.finding import Finding
+from terrain_estimator.discovery.runs import Blocks
+
+
+@dataclass(frozen=True, slots=True)
+class SoilProof:
+    """The result of the held-out runs for the soils as told and for the revised ones."""
+
+    before: float  # [1] rms error of rollouts on the soils as told, in sd of the sensors
+    after: float  # [1] on the revised soils, without an effect
+    noise_floor: float  # [1] of the latter
+    log_bayes_factor: float  # [nat] of the runs as a whole, revised over told
+
+    @property
+    def holds(self) -> bool:
+        """Whether the held-out runs are LIKELIER on the revised soils."""
+        return self.log_bayes_factor >= LIKELIER
+
+    @property
+    def sentence(self) -> str:
+        """The outcome in words."""
+        outcome = "hold" if self.holds else "do not hold"
+        return (
+            f"the revised soil constants {outcome} on held-out runs: rollouts miss by"
+            f" {self.after:.2f} instead of {self.before:.2f} sd of the sensors, the noise floor is"
+            f" {self.noise_floor:.2f}; the runs as a whole are {self.log_bayes_factor:.0f} nat"
+            " likelier"
+        )
+
+
+def prove_soil(
+    told: Nominal,
+    study: Study,
+    candidate: Candidate | None,
+    runs: Sequence[Blocks],
+    proof: Proof,
+    seed: int = 0,
+    contributions: Contributions | None = None,
+) -> SoilProof:
+    """Compare the soils of ``study`` with those as told on held-out ``runs``.
+
+    ``candidate`` is the named effect, which both have; ``proof`` is that of ``study``.
+    """
+    each_run = contributions or here(runs)
+    models = models_of(candidate)[-1:]
+    sums = [
+        sum(
+            each[0] for each in each_run(partial(_evidences, nominal=nominal), [models] * len(runs))
+        )
+        for nominal in (told, study.nominal)
+    ]
+    before = prove(told, None, runs, seed, contributions).gap.before
+    return SoilProof(before, proof.gap.before, proof.gap.noise_floor, sums[1] - sums[0])
+
+
+def _evidences(run: Blocks, models: tuple, *, nominal: Nominal) -> list[float]:  # type: ignore[type-arg]
+    return evidences(nominal, models, run)
+
+
+@dataclass(frozen=True, slots=True)
+class Proven:
+    """A finding with the held-out runs counted."""
+
+    finding: Finding
+    proof: Proof | None = None  # None where no run is held out
+    # None where the soils are those of the files, or no held-out run is on a revised one
+    soil: SoilProof | None = None
+
+    @property
+    def soil_refuted(self) -> bool:
+        """Whether held-out runs contradict the revised constants."""
+        return self.soil is not None and not self.soil.holds
+
+    @property
+    def soil_sentence(self) -> str:
+        """The outcome for revised constants in words; empty where there are none."""
+        if self.finding.soil is None or self.proof is None:
+            return ""
+        if self.soil is not None:
+            return self.soil.sentence
+        names = " or ".join(each.told.name for each in self.finding.soil.revisions)
+        return f"no held-out run is on soil {names}: the revised constants are unproven"
+
+
+def proven(
+    finding: Finding,
+    study: Study,
+    runs: Sequence[Blocks],
+    seed: int = 0,
+    contributions: Contributions | None = None,
+) -> Proven:
+    """Prove the best name, and the soils where they are revised, on held-out ``runs``.
+
+    The nominal model alone is scored where no effect is named. ``study`` is on the soils as told.
+
+    Raises:
+        RunError: a run is too short.
+    """
+    if not runs:
+        return Proven(finding)
+    named = finding.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
+    best = finding.best if named else None
+    there = finding.study(study)
+    proof = prove(there.nominal, best, runs, seed, contributions)
+    after = settled(finding, proof)
+    if finding.soil is None:
+        return Proven(after, proof)
+    if {run.soil or study.nominal.soil for run in runs}.isdisjoint(
+        each.told for each in finding.soil.revisions
+    ):
+        return Proven(after, proof)
+    soil = prove_soil(study.nominal, there, best, runs, proof, seed, contributions)
+    return Proven(after if soil.holds else _refuted(after), proof, soil)
+
+
+def _refuted(finding: Finding) -> Finding:
+    """Return the finding where held-out runs refute the revised constants: unknown."""
+    chances = dict.fromkeys(finding.judgement.probabilities, 0.0) | {"unknown": 1.0}
+    judgement = Judgement(Verdict.UNKNOWN, finding.judgement.named[:1], chances)
+    return replace(finding, judgement=judgement)

@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""A model that may be run, whatever runs it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from terrain_estimator.model.metadata import AddedEffect, Metadata, ModelFileError
+from terrain_estimator.model.packed_observation import (
+    PACKED_WHEEL_FIELDS,
+    packed_size,
+    scalar_fields,
+)
+from terrain_estimator.model.row_names import row_names
+from terrain_estimator.model.runtime import Runtime
+from terramechanics.vehicle.rover import Rover
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedModel:
+    """A model that passed every check."""
+
+    metadata: Metadata
+    runtime: Runtime  # what runs it
+    module: Any = None  # TorchScript's; None where it was not loaded
+
+    @property
+    def rover(self) -> Rover:
+        """The rover that the model is for."""
+        return self.metadata.rover
+
+    @property
+    def model_id(self) -> str:
+        """Name and version."""
+        return self.metadata.model_id
+
+    @property
+    def sha256(self) -> str:
+        """Return the sha256 of the module file."""
+        return self.metadata.sha256
+
+    @property
+    def effects(self) -> tuple[AddedEffect, ...]:
+        """Named effects that the model estimates."""
+        return self.metadata.effects
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """All regression rows that the model can use."""
+        return self.metadata.rows
+
+
+def check_layout(path: Path, model: LoadedModel) -> None:
+    """Check that a model's shapes are those of this version and of its own description.
+
+    ``path`` is its module's file.
+
+    Raises:
+        ModelFileError: they are not; the message names both.
+    """
+    axles, rates = len(model.rover.axle_x), bool(model.effects)
+    fields = (model.metadata.observation_axle_fields, model.metadata.observation_scalar_fields)
+    if fields != (PACKED_WHEEL_FIELDS, scalar_fields(axles, rates=rates)):
+        raise ModelFileError(
+            f"{path}: was trained for other fields of an observation, train it again (make train)"
+        )
+    runtime = model.runtime
+    start = runtime.initial()
+    state = runtime.arrays(start)
+    rows = row_names(axles)
+    if model.rows != rows or state["single_misses"].shape[0] != len(rows):
+        raise ModelFileError(
+            f"{path}: has rows {', '.join(model.rows)}, this version needs {', '.join(rows)}: train"
+            " it again (make train)"
+        )
+    effects = len(runtime.effects(start))
+    if effects != len(model.effects):
+        raise ModelFileError(
+            f"{path}: estimates {effects} named effects, its .json names {len(model.effects)}"
+        )
+    length, parameters = state["block"].shape[-1], state["expected"].shape[0]
+    if length != packed_size(axles, rates=rates):
+        raise ModelFileError(
+            f"{path}: takes observations of {length} numbers, {axles} axles need"
+            f" {packed_size(axles, rates=rates)}"
+        )
+    estimated = runtime.estimate(start).shape
+    if estimated != (3, 2):
+        raise ModelFileError(f"{path}: estimates numbers of shape {estimated}, expected (3, 2)")
+    if parameters != len(model.metadata.parameters):
+        raise ModelFileError(
+            f"{path}: has {parameters} parameters, its .json names {len(model.metadata.parameters)}"
+        )

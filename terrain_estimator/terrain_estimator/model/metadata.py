@@ -1,0 +1,183 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What describes a model: the JSON file beside its module, and where both lie.
+
+``NAME.pt`` holds the whole model; ``NAME.json`` holds rover, soil, rows, versions, how it was
+trained, and the size and sha256 of the module.
+"""
+
+import dataclasses
+import hashlib
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import terrain_estimator
+from rover_parameters.guarded_json import parse_json
+from rover_parameters.records import ConfigError, build, number, shortened
+from rover_parameters.regular_file import open_regular, read_regular
+from terrain_estimator.model.prior import Prior
+from terramechanics.terrain.soil import WONG_REECE, Soil
+from terramechanics.vehicle.rover import Rover
+
+FORMAT = 4
+"""Version of the interface: the state's fields, the packed observation, the methods."""
+MODELS = Path(terrain_estimator.__file__).parent / "models"
+DEFAULT_MODEL = "mars_rover"
+_LARGEST_FILE = 64 << 20
+_LARGEST_METADATA = 1 << 20
+
+
+class ModelFileError(ValueError):
+    """A model file is missing, damaged, foreign or of another version.
+
+    The message names the file, the fault, and the remedy.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class Training:
+    """The training of the learnt part."""
+
+    seed: int
+    iterations: int
+    loss: float = number(
+        "final training loss: mean negative log predictive density of a row", "nat"
+    )
+    torch_version: str = ""
+    options: tuple[
+        str, ...
+    ] = ()  # effective ones of ``train``, in its own words; a file that is older has none
+
+
+@dataclass(frozen=True, slots=True)
+class AddedEffect:
+    """A named effect that the model estimates beside c and tan phi."""
+
+    name: str  # of terramechanics.effects
+    unit: str  # of its size
+    mean: float = number("prior mean of its size", "unit of the effect")
+    sd: float = number(
+        "prior standard deviation of its size", "unit of the effect", 0.0, exclusive=True
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Metadata:
+    """The content of the JSON file beside the module."""
+
+    format: int
+    model_id: str
+    sha256: str
+    size: int
+    observation_axle_fields: tuple[str, ...]
+    observation_scalar_fields: tuple[str, ...]
+    rows: tuple[str, ...]
+    parameters: tuple[str, ...]  # of the posterior, in their order
+    block: int  # observations that are averaged into one
+    rover: Rover
+    soils: tuple[
+        Soil, ...
+    ]  # that the model knows; their order is that of the state's probabilities
+    training: Training
+    prior: Prior  # of ground and rover, before any measurement
+    step_s: float = number(
+        "time between observations that the model was trained for", "s", 0.0, exclusive=True
+    )
+    effects: tuple[AddedEffect, ...] = ()
+
+    @property
+    def prior_mean(self) -> tuple[float, float]:
+        """Prior means of c [Pa] and tan phi."""
+        return self.prior.cohesion_pa, self.prior.tan_phi
+
+    @property
+    def prior_sd(self) -> tuple[float, float]:
+        """Prior standard deviations of c [Pa] and tan phi."""
+        return self.prior.cohesion_sd_pa, self.prior.tan_phi_sd
+
+
+def model_names() -> tuple[str, ...]:
+    """Return the names of the models that come with the package."""
+    return tuple(sorted(path.stem for path in MODELS.glob("*.pt")))
+
+
+def model_path(name: str) -> Path:
+    """Return the module file of an installed model's name, of a path, or of '' for the default."""
+    installed = MODELS / f"{name or DEFAULT_MODEL}.pt"
+    path = installed if installed.is_file() else Path(name)
+    if not path.is_file():
+        names = ", ".join(model_names()) or "there is none"
+        raise ModelFileError(
+            f"model {name!r}: no such file; give the path of a .pt file, or an installed model:"
+            f" {names}"
+        )
+    return path
+
+
+def read_metadata(path: Path) -> Metadata:
+    """Read the JSON file beside a module. Raises ModelFileError that names file, key and value."""
+    try:
+        content: Any = parse_json(read_regular(path, _LARGEST_METADATA))
+    except OSError as error:
+        raise ModelFileError(
+            f"{path}: cannot be read ({error.strerror}): a model is a .pt file with its .json"
+            " beside it"
+        ) from error
+    except ConfigError as error:
+        raise ModelFileError(f"{path}: not valid JSON: {error}") from error
+    found = content.get("format") if isinstance(content, dict) else None
+    if found != FORMAT:
+        raise ModelFileError(
+            f"{path}: format is {shortened(found)}, this version reads {FORMAT}: train the model"
+            " again (make train)"
+        )
+    try:
+        return build(Metadata, content, str(path))
+    except ConfigError as error:
+        raise ModelFileError(str(error)) from error
+
+
+def write_metadata(path: Path, metadata: Metadata) -> None:
+    """Write the JSON file beside a module."""
+    content = dataclasses.asdict(metadata) | {"rover": metadata.rover.content()}
+    for soil in content["soils"]:
+        if soil["law"] == WONG_REECE:  # what a file of an older version means, too
+            del soil["law"]
+    path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def fingerprint(path: Path) -> tuple[str, int]:
+    """Return sha256 and size of a file."""
+    content = path.read_bytes()
+    return hashlib.sha256(content).hexdigest(), len(content)
+
+
+def checked_bytes(path: Path, metadata: Metadata) -> bytes:
+    """Return the content of a module's file, whose size and sha256 are those of its description.
+
+    It is read once, so that the checked bytes are loaded even where the file is replaced meanwhile.
+
+    Raises:
+        ModelFileError: they are not.
+    """
+    try:
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            content = file.read(metadata.size + 1) if metadata.size <= _LARGEST_FILE else b""
+    except OSError as error:
+        raise ModelFileError(f"{path}: cannot be read: {error.strerror}") from error
+    if len(content) != metadata.size:
+        raise ModelFileError(
+            f"{path}: has {size} bytes, {path.with_suffix('.json').name} says {metadata.size}, at"
+            f" most {_LARGEST_FILE} are read: copy both files again"
+        )
+    sha256 = hashlib.sha256(content).hexdigest()
+    if sha256 != metadata.sha256:
+        raise ModelFileError(
+            f"{path}: sha256 is {sha256}, {path.with_suffix('.json').name} says {metadata.sha256}:"
+            " the file is damaged"
+        )
+    return content

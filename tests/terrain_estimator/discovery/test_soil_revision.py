@@ -1,0 +1,134 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""A soil file that is wrong: its constants are found, alone and beside an effect, and proven."""
+
+from functools import cache
+
+import pytest
+import torch
+import yaml
+
+from terrain_estimator.discovery.evidence.search import Study
+from terrain_estimator.discovery.evidence.soil_revision import COMMON_SD, revised
+from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
+from terrain_estimator.discovery.hypotheses.library import singles
+from terrain_estimator.discovery.hypotheses.rows import nominal_of
+from terrain_estimator.discovery.proof.soil_proof import Proven, proven
+from terrain_estimator.discovery.report.finding import Finding, investigate
+from terrain_estimator.discovery.runs import Blocks, RecordedRun, cut
+from terrain_estimator.learning.tasks import measure_tasks
+from terrain_estimator.offline.revised_soils import soils_content, write_soils
+from terrain_estimator.pages.finding_words import soil_words
+from terramechanics.presets import load_rover, load_soil
+from terramechanics.simulation.plant import Plant
+from terramechanics.simulation.sensors import Noise
+from terramechanics.simulation.simulation import simulate
+from terramechanics.terrain.ground import Ground, Patch
+from tests.hidden.generators import GENERATORS, Draw
+
+MARS = load_rover("mars_rover")
+TRUE, TOLD = load_soil("loose_sand"), load_soil("regolith")
+STRENGTH = ((2500.0, 0.6), (1500.0, 0.7), (3500.0, 0.5))
+"""Of three drives; the last is held out."""
+
+
+@cache
+def runs(payload_kg: float) -> tuple[Blocks, ...]:
+    generator = torch.Generator().manual_seed(20261125)
+    strength = torch.tensor(STRENGTH, dtype=torch.float64)
+    ground = Ground([Patch(TRUE.constants(), strength)])
+    sizes = torch.full((3,), payload_kg, dtype=torch.float64)
+    load = GENERATORS["payload"].make(Draw(sizes, torch.zeros(3, dtype=torch.long), sizes))
+    plant = Plant([load]) if payload_kg else None
+    drive = simulate(MARS, ground, "S1", 35.0, generator, 3, plant=plant)
+    packed = measure_tasks(drive, Noise(), generator).measured
+    time = torch.arange(packed.shape[1], dtype=torch.float64) * 0.1
+    contact = nominal_of(MARS, TOLD).contact
+    return tuple(
+        cut(RecordedRun(f"run_{k}", packed[k], drive.seen.wheel_rate[k], time), contact)
+        for k in range(3)
+    )
+
+
+@cache
+def study(payload_kg: float, told: str) -> Study:
+    with torch.inference_mode():
+        return Study(nominal_of(MARS, load_soil(told)), runs(payload_kg)[:2])
+
+
+@cache
+def found(payload_kg: float, told: str) -> Finding:
+    with torch.inference_mode():
+        return investigate(
+            study(payload_kg, told),
+            singles(("payload", "slope_bias")),
+            read_thresholds(),
+            lambda _share, _label: None,
+        )
+
+
+def test_a_wrong_soil_file_is_named_with_the_constants_that_fit() -> None:
+    finding = found(0.0, "regolith")
+    assert finding.judgement.verdict is Verdict.SOIL
+    assert sum(finding.judgement.probabilities.values()) == pytest.approx(1.0)
+    assert finding.judgement.probabilities["soil"] > 0.9
+    assert finding.soil is not None
+    (revision,) = finding.soil.revisions
+    assert (revision.told, revision.runs) == (TOLD, 2)
+    for name, sd in revision.sd.items():
+        # k_phi goes with n: a depth of 20 mm has the same pressure under both.
+        if name != "k_phi":
+            true, told = getattr(TRUE, name), getattr(TOLD, name)
+            assert abs(getattr(revision.found, name) - true) < max(4.0 * sd, 0.5 * abs(told - true))
+
+
+def test_held_out_runs_prove_the_constants_or_refute_them() -> None:
+    finding = found(0.0, "regolith")
+    with torch.inference_mode():
+        outcome = proven(finding, study(0.0, "regolith"), runs(0.0)[2:])
+    assert outcome.finding.judgement.verdict is Verdict.SOIL
+    assert outcome.soil is not None
+    assert outcome.soil.holds
+    assert outcome.soil.after < 0.5 * outcome.soil.before
+    assert outcome.soil.sentence.startswith("the revised soil constants hold on held-out runs")
+
+
+def test_an_effect_is_named_beside_a_wrong_soil_file() -> None:
+    finding = found(25.0, "regolith")
+    assert finding.judgement.verdict is Verdict.NAMED
+    assert finding.judgement.named[0].names == ("payload",)
+    assert finding.soil is not None
+    ((_, size, sd),) = finding.best.sizes
+    assert abs(size - 25.0) < 3.0 * sd
+
+
+def test_constants_are_not_revised_where_the_soil_file_is_right() -> None:
+    assert found(0.0, "loose_sand").judgement.verdict is Verdict.NONE
+    named = found(25.0, "loose_sand")
+    assert named.judgement.named[0].names == ("payload",)
+    assert named.soil is None
+
+
+def test_the_constants_have_a_price() -> None:
+    with torch.inference_mode():
+        there = revised(study(0.0, "loose_sand"), study(0.0, "loose_sand").nominal)
+    assert there is not None
+    assert there.price > 10.0
+    assert there.gain(there.study.nothing, study(0.0, "loose_sand")) < 0.0
+    relative = study(0.0, "loose_sand").nominal.prior.constants_sd / 2**0.5
+    least = 5 * torch.log(torch.tensor(COMMON_SD / relative)).item()
+    assert there.price == pytest.approx(least, rel=0.05)
+
+
+def test_soil_files_and_words_have_the_constants(tmp_path_factory: pytest.TempPathFactory) -> None:
+    finding = found(0.0, "regolith")
+    assert finding.soil is not None
+    folder = tmp_path_factory.mktemp("out")
+    (name,) = write_soils(Proven(finding), folder)
+    written = load_soil(str(folder / name))
+    assert written == finding.soil.revisions[0].found
+    assert yaml.safe_load((folder / name).read_text())["name"] == "regolith_found"
+    (content,) = soils_content(Proven(finding))
+    assert content["file"] == name
+    assert "shear_modulus 0.0" in soil_words(content)
+    assert "instead of 0.018" in soil_words(content)

@@ -1,0 +1,33 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The first sentence of a finding, and what it excludes."""
+
+from typing import Any
+
+from terrain_estimator.pages.opening import excluded, opening
+
+
+def wheel_finding(verdict: str = "named") -> dict[str, Any]:
+    pull = {"low": 4.1, "median": 5.3, "high": 6.4, "unit": "N"}
+    sinkage = {"low": -0.001, "median": 0.0001, "high": 0.001, "unit": "m"}
+    change = {"slip": 0.3, "load_n": 80.0, "rows": {"drawbar_pull": pull, "sinkage": sinkage}}
+    effect = {"name": "grousers", "coefficient": 8.0, "sd": 1.0, "unit": "N", "change": change}
+    error = {"before": 4.3, "after": 1.1, "unit": "N"}
+    gap = {"after": 1.0, "described": True, "rows": {"drawbar_pull": error}}
+    return {"verdict": verdict, "effects": [effect], "confusable_with": [], "gap": gap}
+
+
+def test_a_wheel_s_first_sentence_says_what_how_much_and_what_adding_it_gains() -> None:
+    assert opening(wheel_finding()) == (
+        "Lugs: at slip 0.3 and 80 N the wheel pulls 5.3 N (4.1 to 6.4) more than a smooth one;"
+        " adding it takes the error of the drawbar pull on unseen settings from 4.3 to 1.1 N."
+    )
+    assert not opening(wheel_finding("unknown"))
+
+
+def test_candidates_far_behind_the_best_are_excluded_with_their_odds() -> None:
+    lines = excluded({"grousers": 0.9, "exit_angle": 0.009, "none": 0.0, "bulldozing": 0.09})
+    assert lines == [
+        "exit_angle: 1e+02 times less likely than grousers",
+        "nothing missing: over 1e6 times less likely than grousers",
+    ]
