@@ -19,7 +19,19 @@ from benchmarks.machine import machine
 from benchmarks.page import number, page, quantity
 from terrain_estimator.files.atomic import write_file
 
-NAMES = ("observation", "latency", "rate", "replaying", "reading", "simulation", "training", "cost")
+NAMES = (
+    "observation",
+    "latency",
+    "onboard",
+    "rate",
+    "replaying",
+    "fleet",
+    "reading",
+    "simulation",
+    "discovery",
+    "training",
+    "cost",
+)
 """Modules of this folder; each has ``lines(effort)``."""
 PAGE = Path("docs/benchmarks.md")
 

@@ -62,6 +62,16 @@ def lines(effort: Effort) -> Iterator[BenchmarkLine]:
         yield BenchmarkLine(
             what, growth.exponent, "1", STEEPEST, reference="linear cost", against=1.0, note=note
         )
+    many, few = (effort.count(size, least=100) for size in (100_000, 1000))
+    each = {size: min(_sinkage_s(size) for _ in range(RUNS)) / size * 1e6 for size in (few, many)}
+    yield BenchmarkLine(
+        f"time of a wheel in a batch of {many}",
+        each[many],
+        "us",
+        STEEPEST * each[few],
+        reference=f"in a batch of {few}",
+        against=each[few],
+    )
 
 
 def by_features(effort: Effort) -> Growth:

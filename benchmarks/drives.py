@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from terrain_estimator.bags import Types
 from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.pipeline import Pipeline
-from terrain_estimator.model.model_file import LoadedModel
+from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.observation import Observation
 from terrain_estimator.topics import Make, Message
 from tests.drives import STEP_NS, Event, drive_messages

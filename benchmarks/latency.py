@@ -13,14 +13,14 @@ from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.live import EMPTY, ESTIMATOR, WARM_UP, facing, sets
 
 RATE_HZ, SECONDS = 10.0, 120.0
-HIGH_MS, SHARE, MEMORY_MB = 10.0, 5.0, 350.0
+HIGH_MS, SHARE, MEMORY_MB, READY_S = 4.0, 2.5, 100.0, 0.6
 
 
 def lines(effort: Effort) -> Iterator[BenchmarkLine]:
     """Yield latency, processor and memory, beside a node that answers without estimating."""
     seconds = effort.seconds(SECONDS, least=3.0)
-    latencies, share, memory, lost = observed(ESTIMATOR, seconds)
-    bare, bare_share, bare_memory, _ = observed(EMPTY, seconds)
+    latencies, share, memory, ready, lost = observed(ESTIMATOR, seconds)
+    bare, bare_share, bare_memory, bare_ready, _ = observed(EMPTY, seconds)
     note = f"{len(latencies) - lost} estimates, {lost} lost, which count as infinitely late"
     for what, at, bar in (("99th percentile", 0.99, HIGH_MS), ("median", 0.5, None)):
         value, against = (
@@ -51,18 +51,29 @@ def lines(effort: Effort) -> Iterator[BenchmarkLine]:
         reference=EMPTY,
         against=bare_memory,
     )
+    yield BenchmarkLine(
+        "estimator node: processor time until it is ready",
+        ready,
+        "s",
+        READY_S,
+        reference=EMPTY,
+        against=bare_ready,
+    )
 
 
-def observed(node: str, seconds: float) -> tuple[list[float], float, float, int]:
-    """Return latencies [ms], share of a core [%], resident memory [MB] and sets without an answer.
+def observed(node: str, seconds: float) -> tuple[list[float], float, float, float, int]:
+    """Return latencies [ms], share of a core [%], memory [MB], start [s], sets without an answer.
+
+    The memory is the resident one, the start the processor time until all topics were matched.
 
     A set without an answer has an infinite latency.
     """
     steps = round(seconds * RATE_HZ)
     with facing(node) as (rover, process):
+        found = psutil.Process(process.pid)
+        started = found.cpu_times()
         instants = sets(WARM_UP + steps)
         rover.drive(instants, WARM_UP, 2.0 * RATE_HZ)
-        found = psutil.Process(process.pid)
         before, begun_s = found.cpu_times(), time.perf_counter()
         sent = rover.drive(instants, steps, RATE_HZ)
         after, spent_s = found.cpu_times(), time.perf_counter() - begun_s
@@ -71,5 +82,6 @@ def observed(node: str, seconds: float) -> tuple[list[float], float, float, int]
             [1e3 * sent.latency_s.get(stamp_ns, math.inf) for stamp_ns in sent.sent_s],
             share,
             found.memory_info().rss / 1e6,
+            started.user + started.system,
             sent.lost,
         )

@@ -1,11 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Processor time of one observation in the core, warm, on one thread, with two models.
+"""Processor time of one observation in the estimator, warm, on one thread.
 
-The models are the installed one, and one of 34 parameters.
+The compiled core stands beside TorchScript, TorchScript beside one update in NumPy.
 """
 
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,48 +16,61 @@ from numpy.typing import NDArray
 from benchmarks.drives import observations
 from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.numpy_training import Floats
-from terrain_estimator.config.estimator import EstimatorConfig
+from terrain_estimator.compiled.finding import load
+from terrain_estimator.config.estimator import COMPILED, EstimatorConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.export import export
 from terrain_estimator.learning.training import build_model
 from terrain_estimator.messaging.pipeline import warm_up
-from terrain_estimator.model.model_file import LoadedModel, Training, load_model
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.metadata import Training
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Observation
 
-MEDIAN_US, CLOSING_US, HIGH_US = 150.0, 1000.0, 2000.0
-PARAMETERS = 34
+MEDIAN_US, CLOSING_US, HIGH_US = 40.0, 300.0, 400.0
 SECONDS = 120.0
 
 
 def lines(effort: Effort) -> Iterator[BenchmarkLine]:
-    """Yield median, median of those that close a block, and 99th percentile, of two models."""
+    """Yield median, median of those that close a block, and 99th percentile, of both runtimes."""
     torch.set_num_threads(1)
-    installed = load_model()
-    seen = observations(installed, effort.seconds(SECONDS, least=5.0))
-    with tempfile.TemporaryDirectory() as folder:
-        wide = widened(installed, PARAMETERS, Path(folder))
-    for model in (installed, wide):
-        size = len(model.metadata.parameters)
-        spent, closes = microseconds(model, seen), closing(model, seen)
-        update = numpy_update(size, len(model.rows))
-        name = "one information-form update of as many parameters in NumPy"
-        note = (
-            f"processor time; {np.count_nonzero(closes)} of {len(seen)} observations close a block"
+    reference = load_model()
+    seen = observations(reference, effort.seconds(SECONDS, least=5.0))
+    closes = closing(reference, seen)
+    note = f"processor time; {np.count_nonzero(closes)} of {len(seen)} observations close a block"
+    slow = _figures(microseconds(reference, seen), closes)
+    quick = _figures(microseconds(load("", COMPILED).model, seen), closes)
+    bars = (MEDIAN_US, CLOSING_US, HIGH_US)
+    for (what, value), bar, against in zip(quick.items(), bars, slow.values(), strict=True):
+        yield BenchmarkLine(
+            f"one observation, compiled core: {what}",
+            value,
+            "us",
+            bar,
+            reference="TorchScript",
+            against=against,
+            note=note,
         )
-        for what, value, bar in (
-            ("median", np.median(spent), MEDIAN_US),
-            ("median of those that close a block", np.median(spent[closes]), CLOSING_US),
-            ("99th percentile", np.quantile(spent, 0.99), HIGH_US),
-        ):
-            yield BenchmarkLine(
-                f"one observation in the core, {size} parameters: {what}",
-                float(value),
-                "us",
-                bar,
-                reference=name,
-                against=update,
-                note=note,
-            )
+    size = len(reference.metadata.parameters)
+    update = numpy_update(size, len(reference.rows))
+    for what, value in slow.items():
+        yield BenchmarkLine(
+            f"one observation, TorchScript: {what}",
+            value,
+            "us",
+            None,
+            reference=f"one information-form update of {size} parameters in NumPy",
+            against=update,
+            note=note,
+        )
+
+
+def _figures(spent: Floats, closes: NDArray[np.bool_]) -> dict[str, float]:
+    return {
+        "median": float(np.median(spent)),
+        "median of those that close a block": float(np.median(spent[closes])),
+        "99th percentile": float(np.quantile(spent, 0.99)),
+    }
 
 
 def microseconds(model: LoadedModel, seen: list[Observation]) -> Floats:

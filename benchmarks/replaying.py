@@ -21,13 +21,13 @@ from benchmarks import reading
 from benchmarks.drives import long_drive
 from benchmarks.lines import BenchmarkLine, Effort
 from terrain_estimator.bags import Types
-from terrain_estimator.config.estimator import EstimatorConfig
-from terrain_estimator.model.model_file import load_model
+from terrain_estimator.compiled.finding import load
+from terrain_estimator.config.estimator import AUTO, EstimatorConfig
 from terrain_estimator.offline.replay import replay
 from terrain_estimator.offline.topic_mapping import bag_topics
 from tests.drives import write_bag
 
-BAR = 500.0
+BAR = 1000.0
 """[1] Times real time."""
 GROWTH = 1.1
 """[1] Largest ratio of the memory of the long bag to that of the short one."""
@@ -84,7 +84,7 @@ def replayed(bag: Path, output: Path) -> tuple[float, float]:
 def main(bag: str, output: str) -> None:
     """Replay like the command."""
     torch.set_num_threads(1)
-    done = replay(Path(bag), Path(output), load_model(), EstimatorConfig(), bag_topics([], ""))
+    done = replay(Path(bag), Path(output), load("", AUTO), EstimatorConfig(), bag_topics([], ""))
     memory = (
         max(
             resource.getrusage(who).ru_maxrss

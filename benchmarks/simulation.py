@@ -22,7 +22,7 @@ from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.profile import Hills
 from terramechanics.vehicle.rover import Rover
 
-BAR = 5e4  # rover-steps a second, on two cores
+BAR = 1e5  # rover-steps a second, on two cores
 ROVERS = 1500
 STEPS = 40
 BY_ITSELF = 2  # rovers of the loops, which take so long

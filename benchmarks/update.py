@@ -13,7 +13,9 @@ import numpy as np
 import torch
 
 from studies.accuracy.scores import draw_drives
-from terrain_estimator.model.model_file import DEFAULT_MODEL, LoadedModel, load_model
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.metadata import DEFAULT_MODEL
+from terrain_estimator.model.model_file import load_model
 from terramechanics.presets import load_soil
 
 DRIVES = 12

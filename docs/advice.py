@@ -21,6 +21,10 @@ WHEN = {
     "estimator": {
         "model": _MODEL,
         "rover": _NAMES,
+        "runtime": (
+            "to compiled if a start without the compiled core should be refused, to torchscript to"
+            " give the bytes of recordings made with it"
+        ),
         "use_torque": f"{_TORQUE}; in the planner too",
         "use_imu": f"{_IMU}; in the planner too",
         "use_moments": "to false if the suspension has springs or stiff joints",
@@ -82,6 +86,7 @@ WHEN = {
         "rover": "to your rover's file",
         "velocity_type": "to the type of your velocity messages",
         "body_frame": "as in the estimator",
+        "track_width": "to that of your rover if it turns, and the velocity has a yaw rate",
         "standstill_speed": _STILL,
         "radius_deviation": "to the accuracy of the rolling radius",
         "rate_deviation": "to the resolution of your encoders",
@@ -90,11 +95,20 @@ WHEN = {
     },
     "terrain_map": {
         "spacing": "to the resolution that your map needs",
-        "points": "to keep a long track fine; each point takes 36 bytes of every cloud",
+        "points": "to keep a long track fine; each point takes 40 bytes of every cloud",
         "period": (
             "to a longer time if the link to the reader is slow: every cloud holds the whole track"
         ),
         "pairing_tolerance": "as in the estimator",
+        "model": "as in the estimator",
+        "rover": _NAMES,
+        "slip_limit": "as in the planner",
+        "pull_deviation": "as in the planner",
+        "grid.resolution": "to that of your costmap",
+        "grid.reach": "to half the width of your rover, or to how far its ground holds beside it",
+        "grid.cells": "to keep cells small on a long drive; each takes a byte of every grid",
+        "grid.free_slope": "to the steepest slope of your terrain, with a reserve",
+        "grid.lethal_slope": "to the slope that your rover has to climb anywhere",
     },
     "dashboard": {
         "port": (

@@ -44,6 +44,8 @@ _FOLDERS = {
     "soak": ("benchmarks/soak", _NODES),
     "foreign": ("studies/foreign",),
     "robustness": ("studies/robustness",),
+    "measured": ("studies/measured",),
+    "names": ("studies/false_names",),
 }
 """Folders whose modules each command of the Makefile runs; what they import follows."""
 _NO_FIGURES = re.compile(

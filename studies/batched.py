@@ -37,7 +37,7 @@ from terrain_estimator.model.packing import view_of, with_slip, without_link
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics import SoilRows
 from terrain_estimator.model.physics_with_effects import nominal_of
-from terrain_estimator.model.rows import row_names
+from terrain_estimator.model.row_names import row_names
 from terrain_estimator.model.state import State
 
 _FieldsT = TypeVar("_FieldsT", Posterior, BlockRows)

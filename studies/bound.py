@@ -19,6 +19,7 @@ from terrain_estimator.model.gaussian import cholesky, drop, symmetrize
 from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics_with_effects import nominal_of
+from terrain_estimator.model.row_names import row_names
 from terrain_estimator.model.rows import (
     PA_PER_UNIT,
     ContactModel,
@@ -26,10 +27,10 @@ from terrain_estimator.model.rows import (
     features_of,
     frame_of,
     regression_rows,
-    row_names,
     values_alone,
 )
-from terramechanics.contact.stresses import CONSTANTS, wheel_forces
+from terramechanics.contact.stresses import wheel_forces
+from terramechanics.terrain.soil import CONSTANTS
 
 CHUNK = 500
 """Observations whose information is computed at once; they stay in the processor's cache."""

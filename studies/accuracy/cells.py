@@ -28,7 +28,8 @@ from studies.bound import Known, cramer_rao_at
 from studies.reference import grid_posterior
 from terrain_estimator.learning.restore import physics_alone, restore
 from terrain_estimator.learning.tasks import ROVERS, SOILS
-from terrain_estimator.model.model_file import load_model, model_names
+from terrain_estimator.model.metadata import model_names
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics_with_effects import nominal_of
 from terrain_estimator.model.rows import regression_rows

@@ -9,7 +9,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from terrain_estimator.discovery.evidence.search import Candidate, Study, search
+from terrain_estimator.discovery.evidence.search import Candidate, Study, foresee, search
 from terrain_estimator.discovery.evidence.verdict import Gains, Thresholds
 from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.progress import ProgressCallback
@@ -37,12 +37,14 @@ def sample(study: Study, truth: str, progress: ProgressCallback) -> CalibrationC
     def gains(found: Sequence[Candidate]) -> Gains:
         return gains_of(study.nothing, found, free, study.with_discrepancy(found[0]))
 
-    everything = search(study, singles(), progress)
+    foreseen = foresee(study, singles(), progress)
+    everything = search(study, foreseen, progress)
     if not truth:
         return CalibrationCase(truth, gains(everything), None)
     others = [each for each in everything if truth not in each.hypothesis.names]
     if not others:
-        others = search(study, [each for each in singles() if truth not in each.names], progress)
+        rest = [each for each in foreseen if truth not in each.hypothesis.names]
+        others = search(study, rest, progress)
     return CalibrationCase(truth, gains(everything), gains(others))
 
 

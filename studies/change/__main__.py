@@ -28,11 +28,12 @@ from studies.change.scores import score_change
 from studies.change.table import ChangeRun, page
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
 from studies.records import Piece, compute, read_record, write_record, write_results
-from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.compiled.finding import load
+from terrain_estimator.config.estimator import AUTO, CoreConfig
 from terrain_estimator.console.arguments import SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.tasks import ROVERS, SOILS
-from terrain_estimator.model.model_file import ModelFileError, load_model
+from terrain_estimator.model.metadata import ModelFileError
 
 LOOSE, COMPACT, REGOLITH = SOILS
 FORGETTING_S = 60.0
@@ -75,7 +76,7 @@ def main(argv: list[str] | None = None) -> int:
     torch.set_num_threads(1)
     args = _parser().parse_args(argv)
     try:
-        models = [load_model(rover).metadata.model_id for rover in args.rover]
+        models = [load(rover, AUTO).model.metadata.model_id for rover in args.rover]
         parts = _parts(args)
         missing = [piece for _, piece in parts if read_record(piece.path) is None]
         compute("change", missing, args.jobs, args.minutes, _keep)
@@ -158,12 +159,12 @@ def _shares(whole: float, share: float) -> Iterable[float]:
 def judge_change(change: Change, drives: int, seed: int) -> Followed:
     """Follow some drives of one change with the rover's model."""
     config = CoreConfig(forgetting_time=change.forgetting_s)
-    return follow_change(change, load_model(change.rover), config, drives, seed)
+    return follow_change(change, load(change.rover, AUTO).model, config, drives, seed)
 
 
 def judge_constant(rover: str, soil: str, hours: float, seed: int) -> FalseAlarms:
     """Count false words on constant ground with the rover's model."""
-    return study_constant(load_model(rover), soil, CoreConfig(), hours, seed)
+    return study_constant(load(rover, AUTO).model, soil, CoreConfig(), hours, seed)
 
 
 def _keep(result: _Result, path: Path) -> None:

@@ -26,7 +26,7 @@ from studies.foreign.table import page
 from studies.records import Piece, compute, read_record, write_record, write_results
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
-from terrain_estimator.model.model_file import LoadedModel
+from terrain_estimator.model.loaded import LoadedModel
 from terramechanics.presets import load_rover
 
 Place = tuple[str, str, int]

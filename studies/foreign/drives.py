@@ -18,7 +18,7 @@ from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.messaging.messages import Status, status_of
 from terrain_estimator.messaging.pipeline import usable_rows
-from terrain_estimator.model.model_file import LoadedModel
+from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import Update

@@ -14,7 +14,9 @@ import torch
 
 from terrain_estimator.learning.export import export
 from terrain_estimator.learning.restore import physics_alone
-from terrain_estimator.model.model_file import LoadedModel, Training, load_model
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.metadata import Training
+from terrain_estimator.model.model_file import load_model
 from terramechanics.presets import load_rover
 from terramechanics.terrain.soil import Soil
 

@@ -12,7 +12,7 @@ from terrain_estimator.model.block import BlockRows
 from terrain_estimator.model.gaussian import cholesky, symmetrize
 from terrain_estimator.model.innovation import linearised, without_carried
 from terrain_estimator.model.palpaca import PAlpaca
-from terrain_estimator.model.rows import row_names
+from terrain_estimator.model.row_names import row_names
 from terrain_estimator.model.state import State
 
 

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the estimator's model does at the end of a block, watched from outside."""
 
-import dataclasses
 from typing import Any, NamedTuple, cast
 
 import torch
 from torch import Tensor
 
-from terrain_estimator.model.model_file import LoadedModel
+from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.state import State
+from terrain_estimator.model.torchscript import torchscript_model
 
 
 class Closed(NamedTuple):
@@ -50,4 +50,4 @@ class Watched:
 def watched(model: LoadedModel) -> tuple[LoadedModel, Watched]:
     """Return the model with a module that remembers, and that module."""
     watch = Watched(model.module)
-    return dataclasses.replace(model, module=cast("torch.jit.ScriptModule", watch)), watch
+    return torchscript_model(cast("torch.jit.ScriptModule", watch), model.metadata), watch

@@ -24,7 +24,9 @@ from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.learning.adding import restored
-from terrain_estimator.model.model_file import LoadedModel, ModelFileError, load_model
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.metadata import ModelFileError
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.palpaca import PAlpaca
 from terramechanics.terrain.soil import Soil
 

@@ -21,11 +21,14 @@ from studies.limited import Limited
 from studies.planner.patches import PatchOutcome, study
 from studies.planner.scores import PatchScore, score
 from studies.records import write_results
+from terrain_estimator.compiled.finding import load
+from terrain_estimator.config.estimator import AUTO
 from terrain_estimator.config.planner import AdviceConfig
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
-from terrain_estimator.model.model_file import LoadedModel, ModelFileError, load_model
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.metadata import ModelFileError
 from terramechanics.presets import load_soil
 
 COLUMNS = (
@@ -54,7 +57,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         load_soil(args.soil)
         config = configure(AdviceConfig, {"stop_probability": args.stop_probability})
-        model = load_model(args.model)
+        model = load(args.model, AUTO).model
         outcomes = _driven(model, config, args)
         when = measured("planner")
         figures = {

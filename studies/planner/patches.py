@@ -20,10 +20,11 @@ from terrain_estimator.config.planner import AdviceConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.departures import Family, largest_sizes
 from terrain_estimator.learning.tasks import StrengthRange, degrees, random_ground, uniform
-from terrain_estimator.model.model_file import LoadedModel
+from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.belief import Belief, widened
 from terrain_estimator.planning.planner import Planner, Reason
+from terrain_estimator.planning.solving import solve_statics
 from terrain_estimator.planning.table import TractionTable
 from terrain_estimator.update import Update
 from terramechanics.contact.sinkage import drawbar_capability
@@ -232,7 +233,7 @@ def study(
     model: LoadedModel, soil: str, count: int, config: AdviceConfig, seed: int
 ) -> Iterator[PatchOutcome]:
     """Yield the outcomes of ``count`` drives on patches of one soil, in batches."""
-    table = TractionTable(model.rover, model.metadata.soils)
+    table = TractionTable(model.rover, solve_statics(model.rover, model.metadata.soils))
     generator = torch.Generator().manual_seed(seed)
     for first in range(0, count, BATCH):
         drives = draw_drives(model.rover, soil, min(BATCH, count - first), generator)

@@ -23,7 +23,8 @@ from studies.recursion.statistic import (
     velocity_after,
     weights_of,
 )
-from terrain_estimator.model.packing import BLOCK, without_link
+from terrain_estimator.model.packed_observation import BLOCK
+from terrain_estimator.model.packing import without_link
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics_with_effects import nominal_of
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from terrain_estimator.model.prior import UNCERTAIN
+from terrain_estimator.model.physics import UNCERTAIN
 
 CONSTANTS = len(UNCERTAIN)
 _LINEAR = UNCERTAIN.index("k_phi")

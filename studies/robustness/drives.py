@@ -18,7 +18,8 @@ from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.tasks import SOILS, random_ground
 from terrain_estimator.messaging.messages import Status, status_of
 from terrain_estimator.messaging.pipeline import usable_rows
-from terrain_estimator.model.model_file import LoadedModel, load_model
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Observation
 from terramechanics.presets import load_soil
 from terramechanics.simulation.plant import Plant

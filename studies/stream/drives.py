@@ -17,7 +17,7 @@ from studies.observations import observations_of
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.tasks import random_ground
-from terrain_estimator.model.model_file import LoadedModel
+from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terramechanics.simulation.sample import TIME_STEP
