@@ -17,7 +17,7 @@ from rover_parameters.ending import destroy
 from rover_parameters.records import ConfigError, nearest
 from terrain_estimator.nodes.common.executor import MessageExecutor
 from terrain_estimator.nodes.common.lifecycle import ManagedNode
-from terrain_estimator.nodes.common.running import POLL_S, guarded
+from terrain_estimator.nodes.common.running import POLL_S, guarded, serve_on
 from terrain_estimator.nodes.estimator import EstimatorNode
 from terrain_estimator.nodes.planner import PlannerNode
 from terrain_estimator.nodes.recorder import RecorderNode
@@ -114,18 +114,19 @@ class Onboard:
             if isinstance(node, ManagedNode) and node.config.auto_start:
                 node.start()
         while self._running and not stop.is_set():
-            self._turn()
+            self._turn(POLL_S)
+            if any(each.ended.is_set() for each in self._running):
+                serve_on(self._turn)
             for each in [each for each in self._running if each.ended.is_set()]:
                 self._end(each)
         for each in reversed(self._running.copy()):
             self._end(each)
             if self._running:
-                self._turn()  # what it published at its end
+                self._turn(POLL_S)  # what it published at its end
         return 0
 
-    def _turn(self) -> None:
-        turn = guarded(self._running[0].node, self._executor.spin_once)
-        turn(POLL_S)
+    def _turn(self, timeout_s: float) -> None:
+        guarded(self._running[0].node, self._executor.spin_once)(timeout_s)
 
     def _end(self, each: Started) -> None:
         if isinstance(each.node, ManagedNode):

@@ -22,9 +22,10 @@ from terrain_estimator.messaging.diagnostics import CLOCK, STATE, CheckResult
 from terrain_estimator.nodes.common.declare import declare
 from terrain_estimator.nodes.common.diagnostics import DiagnosticsPublisher
 from terrain_estimator.nodes.common.executor import take_message
-from terrain_estimator.nodes.common.running import guarded, spin
+from terrain_estimator.nodes.common.running import POLL_S, guarded, guarded_turn, serve_on
 
 ACTIVE, INACTIVE, UNCONFIGURED = "active", "inactive", "unconfigured"
+FINALIZED = "finalized"
 LATER = "as soon as the node is configured"
 _BEFORE = {"configure": UNCONFIGURED, "deactivate": ACTIVE}
 
@@ -120,7 +121,11 @@ class ManagedNode(LifecycleNode):
         """Serve callbacks until ``stop`` is set, then release everything and destroy the node."""
         if auto_start:
             self.start()
-        spin(self, self._stop, self._count_failure)
+        turn = guarded_turn(self, self._count_failure)
+        while not self._stop.is_set():
+            turn(POLL_S)
+        if self.state == FINALIZED:
+            serve_on(turn)
         self.end()
         destroy(self, self.exit_code)
 

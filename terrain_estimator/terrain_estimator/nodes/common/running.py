@@ -4,6 +4,7 @@
 
 import functools
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +15,8 @@ from terrain_estimator.nodes.common.executor import MessageExecutor
 
 POLL_S = 0.1
 LOG_PERIOD_S = 5.0
+ANSWER_S = 1.0
+"""[s] For which a node that was shut down serves on: what asked for it gets its answer."""
 
 
 def guarded(
@@ -49,15 +52,21 @@ def guarded_turn(node: Node, failed: Callable[[], None] = lambda: None) -> Calla
     return guarded(node, executor.spin_once, failed)
 
 
-def spin(node: Node, stop: threading.Event, failed: Callable[[], None] = lambda: None) -> None:
-    """Serve the callbacks of a node until ``stop`` is set; ``failed`` as in :func:`guarded`."""
-    turn = guarded_turn(node, failed)
-    while not stop.is_set():
+def serve_on(turn: Callable[[float], None]) -> None:
+    """Take turns for ``ANSWER_S``, so that the answer to the transition "shutdown" arrives.
+
+    It is sent when the callback returns, but Fast DDS drops what a destroyed service has not
+    delivered yet, and nothing tells when it was.
+    """
+    end = time.monotonic() + ANSWER_S
+    while time.monotonic() < end:
         turn(POLL_S)
 
 
 def serve(node: Node, stop: threading.Event) -> int:
     """Spin a node until ``stop`` is set and destroy it; return the exit code 0."""
-    spin(node, stop)
+    turn = guarded_turn(node)
+    while not stop.is_set():
+        turn(POLL_S)
     destroy(node)
     return 0
