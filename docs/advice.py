@@ -37,6 +37,14 @@ WHEN = {
             "if the ground changes slowly along the way; it costs accuracy everywhere else"
         ),
         "standstill_speed": _STILL,
+        "roll_limit": (
+            "to 0 if the roll is not calibrated; a larger one only where a study of your rover"
+            " allows it"
+        ),
+        "turn_limit": (
+            "to 0 if yaw rate or lateral velocity are too noisy to tell a turn; a larger one only"
+            " where a study of your rover allows it"
+        ),
         "gate_probability": (
             "rarely: a wrong model or a failing sensor causes GATED more often than a wrong gate"
         ),
@@ -52,6 +60,8 @@ WHEN = {
         "default_sd.velocity": "if your odometry leaves its covariance at zero",
         "default_sd.pitch": "if your imu leaves its covariance at zero",
         "default_sd.acceleration": "if your imu leaves its covariance at zero",
+        "default_sd.lateral_velocity": "to that of your odometry if it leaves the variance at zero",
+        "default_sd.yaw_rate": "to that of your gyro if it leaves its covariance at zero",
         "pairing_tolerance": (
             "to half a period if sensors are not triggered together; in planner and terrain_map too"
         ),

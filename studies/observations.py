@@ -13,10 +13,14 @@ STEP_NS = 100_000_000
 
 
 def observations_of(measurement: Measurement, index: int) -> list[Observation]:
-    """Return the observations of one drive of a measured batch, stamped from 0.1 s on."""
+    """Return the observations of one drive of a measured batch, stamped from 0.1 s on.
+
+    What tells whether a rover is planar is not measured: a simulated one is.
+    """
     batch, time = measurement.velocity.shape
-    names = [field.name for field in dataclasses.fields(Observation) if field.name != "stamp_ns"]
-    columns = {name: getattr(measurement, name) for name in names}
+    names = {field.name for field in dataclasses.fields(Observation)}
+    shared = [each.name for each in dataclasses.fields(measurement) if each.name in names]
+    columns = {name: getattr(measurement, name) for name in shared}
     series = {
         name: value[index] if value.ndim == 3 else value.expand(batch, time)[index]
         for name, value in columns.items()

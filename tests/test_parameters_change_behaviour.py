@@ -167,6 +167,30 @@ ESTIMATOR = {
         lambda a, b: outcomes(b) == {Outcome.OUT_OF_RANGE} != outcomes(a),
         change=lambda e: spoiled(e, "wheel_slip", slip=np.full(6, 0.5)),
     ),
+    "roll_limit": Case(
+        0.2,
+        lambda a, b: (outcomes(a), outcomes(b)) == ({Outcome.NOT_PLANAR}, {Outcome.ACCEPTED}),
+        change=lambda e: spoiled(
+            spoiled(e, "odom", pose__pose__orientation__x=0.04), "imu", orientation__x=0.04
+        ),
+    ),
+    "turn_limit": Case(
+        0.5,
+        lambda a, b: (outcomes(a), outcomes(b)) == ({Outcome.NOT_PLANAR}, {Outcome.ACCEPTED}),
+        change=lambda e: spoiled(e, "odom", twist__twist__linear__y=0.05),
+    ),
+    "default_sd.lateral_velocity": Case(
+        0.05,
+        lambda a, b: (outcomes(a), outcomes(b)) == ({Outcome.NOT_PLANAR}, {Outcome.ACCEPTED}),
+        change=lambda e: spoiled(e, "odom", twist__twist__linear__y=0.05),
+    ),
+    "default_sd.yaw_rate": Case(
+        0.05,
+        lambda a, b: (outcomes(a), outcomes(b)) == ({Outcome.NOT_PLANAR}, {Outcome.ACCEPTED}),
+        change=lambda e: spoiled(
+            spoiled(e, "odom", twist__twist__angular__z=0.1), "imu", angular_velocity__z=0.1
+        ),
+    ),
     "body_frame": Case("chassis", lambda a, b: outcomes(b) == {Outcome.WRONG_FRAME} != outcomes(a)),
     "torque_noise.relative": Case(0.5, lambda a, b: sd(b)[1] > sd(a)[1]),
     "torque_noise.absolute": Case(100.0, lambda a, b: sd(b)[1] > sd(a)[1]),

@@ -17,7 +17,8 @@ class Observation:
 
     Arrays have shape ``[axles]``, front to rear. Every ``*_sd`` is one standard deviation of the
     value before it. NaN means "not measured". Velocity and pitch are required, and slip, sinkage
-    and contact angle of every axle; torque, acceleration and the bogie's angle are optional.
+    and contact angle of every axle; torque, acceleration and the bogie's angle are optional. Roll,
+    lateral velocity and yaw rate tell whether the rover is planar at all, and nothing else.
     """
 
     stamp_ns: int
@@ -37,6 +38,11 @@ class Observation:
     acceleration: float  # [m/s^2] specific force along body x: dv/dt + g sin(pitch)
     acceleration_sd: float  # [m/s^2]
     bogie_angle: float = math.nan  # [rad] of the bogie relative to the body, nose up
+    roll: float = math.nan  # [rad] of body y above the horizon, left side up
+    lateral_velocity: float = math.nan  # [m/s] along body y, to the left
+    lateral_velocity_sd: float = math.nan  # [m/s]
+    yaw_rate: float = math.nan  # [rad/s] to the left
+    yaw_rate_sd: float = math.nan  # [rad/s]
 
 
 AXLE_FIELDS = tuple(field.name for field in fields(Observation) if field.type is Floats)
@@ -44,3 +50,6 @@ AXLE_FIELDS = tuple(field.name for field in fields(Observation) if field.type is
 
 SCALAR_FIELDS = tuple(field.name for field in fields(Observation) if field.type is float)
 """Names of the measured scalars, in order. The fields are the stamp, the arrays, the scalars."""
+
+OFF_PLANE = ("roll", "lateral_velocity", "lateral_velocity_sd", "yaw_rate", "yaw_rate_sd")
+"""Names of what only tells whether the rover is planar: no other observation depends on them."""

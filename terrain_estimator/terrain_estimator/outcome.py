@@ -20,6 +20,7 @@ class Outcome(IntEnum):
     DUPLICATE = 9
     GATED = 10
     NUMERICAL_FAILURE = 11
+    NOT_PLANAR = 12
 
     @property
     def advice(self) -> str:
@@ -59,6 +60,11 @@ _ADVICE = {
     Outcome.GATED: (
         "no ground that the model knows explains it: the model or the rover file is not of this"
         " rover, the ground changed, or a sensor failed"
+    ),
+    Outcome.NOT_PLANAR: (
+        "the model drives straight up and down: nothing is learnt in turns and across slopes;"
+        " a rover that does neither has a wrong roll, yaw rate or lateral velocity, or too small a"
+        " variance of them: correct it, or set roll_limit or turn_limit to 0"
     ),
     Outcome.NUMERICAL_FAILURE: "reset the estimator; if the failure recurs, report the recording",
 }

@@ -97,6 +97,23 @@ class CoreConfig:
         default=0.95,
     )
 
+    roll_limit: float = number(
+        "observations in which the rover leans further to a side are refused, since the model does"
+        " not; 0: no limit",
+        "rad",
+        0.0,
+        1.6,
+        default=0.06,
+    )
+    turn_limit: float = number(
+        "observations in which an axle moves sideways by more than this share of the rims' speed"
+        " are refused, since the model drives straight; 0: no limit",
+        "1",
+        0.0,
+        10.0,
+        default=0.07,
+    )
+
     def __post_init__(self) -> None:
         """Refuse half a prior, and to forget within less than a second.
 
@@ -174,6 +191,22 @@ class ConversionConfig:
         1.0,
         default=0.0,
         key="default_sd.pitch",
+    )
+    default_lateral_velocity_sd: float = number(
+        "standard deviation of odom's lateral velocity without a variance; see turn_limit",
+        "m/s",
+        0.0,
+        10.0,
+        default=0.005,
+        key="default_sd.lateral_velocity",
+    )
+    default_yaw_rate_sd: float = number(
+        "standard deviation of a yaw rate without a variance; see turn_limit",
+        "rad/s",
+        0.0,
+        10.0,
+        default=0.003,
+        key="default_sd.yaw_rate",
     )
     default_acceleration_sd: float = number(
         "standard deviation for imu without an acceleration variance; 0: the acceleration is"

@@ -82,7 +82,7 @@ def run_of(
     rates: list[Floats] = []
     stamps: list[int] = []
     for observation in observations:
-        screening = screen(observation, last.stamp_ns if last else None, rover.wheel_radius, config)
+        screening = screen(observation, last.stamp_ns if last else None, rover, config)
         if not screening.outcome.used:
             refusals.add(screening.outcome, screening.detail)
             continue

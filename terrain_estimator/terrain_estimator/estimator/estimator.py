@@ -25,7 +25,7 @@ from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.packed_observation import LONGEST_GAP, ground_torque, link, pack
 from terrain_estimator.model.report import Report
 from terrain_estimator.model.runtime import RuntimeState
-from terrain_estimator.observation import Floats, Observation
+from terrain_estimator.observation import OFF_PLANE, Floats, Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import (
     NOTHING_PREDICTED,
@@ -109,7 +109,7 @@ class Estimator:
         The content of an observation never raises.
         """
         observation = self._without_unused(observation)
-        screening = screen(observation, self._last_stamp, self._rover.wheel_radius, self._config)
+        screening = screen(observation, self._last_stamp, self._rover, self._config)
         if screening.outcome not in (Outcome.TIME_BACKWARDS, Outcome.DUPLICATE):
             self._last_stamp = observation.stamp_ns
         if screening.outcome.used:
@@ -135,6 +135,7 @@ class Estimator:
     def save(self) -> dict[str, NDArray[Any]]:
         """Return all that the next update depends on, as arrays, but for the sequence number."""
         last = {} if self._last is None else dataclasses.asdict(self._last)
+        last = {name: value for name, value in last.items() if name not in OFF_PLANE}
         intake, moving = self._intake, self._forecasting.persistence
         return {
             **{f"state.{k}": value for k, value in self._runtime.arrays(self._state).items()},

@@ -19,6 +19,7 @@ import numpy as np
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
+from terramechanics.vehicle.rover import Rover
 
 NOISE_BOUND = 4.0
 """[standard deviations] Reach of noise; a value further outside its range is a sensor error."""
@@ -32,6 +33,12 @@ _PERCENTAGE = 2.0  # [1] a slip beyond it, either way, is hardly a ratio
 _OTHER_UNIT = 3.0  # [wheel radii] a sinkage beyond it is hardly in metres
 _STEEPEST_GROUND = math.pi / 2.0  # [rad]
 _STEEPEST_BOGIE = 1.2  # [rad] no bogie turns further: an encoder in degrees, or without its zero
+_TURN_BOUND = 2.0
+"""[standard deviations] Noise allowed to what is perhaps a turn.
+
+It says nothing of c and tan phi: a refusal in vain costs a twentieth of the data and no bias, a
+turn that passes biases them.
+"""
 _STANDSTILL_BOUND = (
     3.0  # [standard deviations] noise allowed to the velocity of a rover that stands
 )
@@ -49,20 +56,21 @@ class Screening:
 def screen(
     observation: Observation,
     previous_stamp_ns: int | None,
-    wheel_radius_m: float,
+    rover: Rover,
     config: CoreConfig,
 ) -> Screening:
     """Screen one observation; ``previous_stamp_ns`` is the stamp of the last one, if any."""
-    rims = _rims(observation, wheel_radius_m)
+    rims = _rims(observation, rover.wheel_radius)
     refusal = (
         _refuse_time(observation.stamp_ns, previous_stamp_ns)
         or _refuse_standstill(observation, rims, config.standstill_speed)
         or _refuse_scalars(observation)
         or _refuse_reverse(observation, rims, config.standstill_speed)
+        or _refuse_turn(observation, max([observation.velocity, *rims]), rover.reach, config)
     )
     if refusal is not None:
         return Screening(refusal[0], observation, refusal[1])
-    return _mask(observation, rims, wheel_radius_m, config)
+    return _mask(observation, rims, rover.wheel_radius, config)
 
 
 def impossible(observation: Observation, wheel_radius_m: float) -> str:
@@ -145,6 +153,35 @@ def _refuse_reverse(observation: Observation, rims: list[float], threshold: floa
             " forward driving"
         ),
     )
+
+
+def _refuse_turn(
+    observation: Observation, speed: float, reach: float, config: CoreConfig
+) -> _Refusal:
+    """Refuse a rover that leans to a side, moves sideways or turns: the model is planar.
+
+    Wheels share their shear between along and across, and left and right carry different loads.
+    What that does to c and tan phi, and so where the limits are, is in docs/lateral.md. ``speed``
+    [m/s] is that of the rims, ``reach`` [m] the distance of the furthest axle. Noise may explain a
+    motion, but not a lean: its noise is far below the limit.
+    """
+    lean = abs(observation.roll)
+    if config.roll_limit and lean > config.roll_limit:
+        degrees = f"{math.degrees(lean):.1f} deg to a side"
+        limit = f"beyond roll_limit ({math.degrees(config.roll_limit):.1f} deg)"
+        return Outcome.NOT_PLANAR, f"the rover leans {degrees}, {limit}"
+    if not config.turn_limit:
+        return None
+    motions = (
+        ("lateral velocity", observation.lateral_velocity, observation.lateral_velocity_sd, 1.0),
+        ("yaw rate", observation.yaw_rate, observation.yaw_rate_sd, reach),
+    )
+    for name, value, deviation, arm in motions:
+        if arm * (abs(value) - _TURN_BOUND * deviation) > config.turn_limit * speed:
+            sideways = f"{name} {value:.3g} moves an axle sideways with {arm * abs(value):.3g} m/s"
+            limit = f"beyond turn_limit ({config.turn_limit:g} of {speed:.3g} m/s)"
+            return Outcome.NOT_PLANAR, f"{sideways}, {limit}"
+    return None
 
 
 def _refuse_scalars(observation: Observation) -> _Refusal:

@@ -29,11 +29,23 @@ BODY_SIGNALS = {
     "pitch": "angle",
     "acceleration": "acceleration",
     "bogie_angle": "angle",
+    "roll": "angle",
+    "lateral_velocity": "velocity",
+    "yaw_rate": "yaw rate",
 }
 """Signals of the rover's body, and their quantity."""
 SIGNED = ("pitch", "bogie_angle")
 """Signals whose positive direction has to be given."""
-WITH_DEVIATION = ("slip", "sinkage", "contact_angle", "velocity", "pitch", "acceleration")
+WITH_DEVIATION = (
+    "slip",
+    "sinkage",
+    "contact_angle",
+    "velocity",
+    "pitch",
+    "acceleration",
+    "lateral_velocity",
+    "yaw_rate",
+)
 """Signals whose messages carry a standard deviation, so that their noise must be known."""
 
 
@@ -129,6 +141,9 @@ class Mapping:
     pitch: BodySignal = _NO_BODY_SIGNAL
     acceleration: BodySignal = _NO_BODY_SIGNAL
     bogie_angle: BodySignal = _NO_BODY_SIGNAL
+    roll: BodySignal = _NO_BODY_SIGNAL
+    lateral_velocity: BodySignal = _NO_BODY_SIGNAL
+    yaw_rate: BodySignal = _NO_BODY_SIGNAL
     constant_contact_angle: Constant = _NO_CONSTANT
     constant_pitch: Constant = _NO_CONSTANT
 

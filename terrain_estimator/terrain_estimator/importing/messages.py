@@ -11,7 +11,13 @@ import numpy as np
 from terrain_estimator.bags import BagTopic, BagWriter, Message
 from terrain_estimator.importing.mapping import Mapping
 from terrain_estimator.importing.samples import MeasuredValue, TableSample
-from terrain_estimator.topics import INPUT_TYPES, PITCH_IN_ORIENTATION, PITCH_IN_POSE
+from terrain_estimator.topics import (
+    INPUT_TYPES,
+    LATERAL_IN_TWIST,
+    PITCH_IN_ORIENTATION,
+    PITCH_IN_POSE,
+    YAW_IN_TWIST,
+)
 
 UNKNOWN = -1.0  # first element of a covariance in sensor_msgs/Imu: not measured
 
@@ -87,7 +93,13 @@ class SampleWriter:
         )
         odom.twist.twist.linear.x = sample.velocity.value
         odom.twist.covariance[0] = _variance(sample.velocity)
-        odom.pose.covariance[PITCH_IN_POSE] = self._orient(odom.pose.pose.orientation, sample.pitch)
+        if not math.isnan(sample.lateral_velocity.value):
+            odom.twist.twist.linear.y = sample.lateral_velocity.value
+            odom.twist.covariance[LATERAL_IN_TWIST] = _variance(sample.lateral_velocity)
+        if not math.isnan(sample.yaw_rate.value):
+            odom.twist.twist.angular.z = sample.yaw_rate.value
+            odom.twist.covariance[YAW_IN_TWIST] = _variance(sample.yaw_rate)
+        odom.pose.covariance[PITCH_IN_POSE] = self._orient(odom.pose.pose.orientation, sample)
         return odom
 
     def _joints(self, sample: TableSample) -> Message:
@@ -106,9 +118,7 @@ class SampleWriter:
         imu = self.writer.types.make(
             INPUT_TYPES["imu"], header=self._header(sample, self.mapping.frame)
         )
-        imu.orientation_covariance[PITCH_IN_ORIENTATION] = self._orient(
-            imu.orientation, sample.pitch
-        )
+        imu.orientation_covariance[PITCH_IN_ORIENTATION] = self._orient(imu.orientation, sample)
         if math.isnan(sample.pitch.value):
             imu.orientation_covariance[0] = UNKNOWN
         imu.angular_velocity_covariance[0] = UNKNOWN
@@ -121,16 +131,24 @@ class SampleWriter:
         return imu
 
     @staticmethod
-    def _orient(orientation: Message, pitch: MeasuredValue) -> float:
-        """Set a quaternion and return its variance; all zeros where there is no pitch.
+    def _orient(orientation: Message, sample: TableSample) -> float:
+        """Set a quaternion and return the pitch's variance; all zeros where there is no pitch.
 
-        REP-103's rotation about y is positive nose down.
+        First the pitch, about y; REP-103's rotation is positive nose down. Then the turn about x
+        that lifts y to the roll, which is 0 where it was not measured.
         """
-        if math.isnan(pitch.value):
+        pitch, roll = sample.pitch.value, sample.roll
+        if math.isnan(pitch):
             orientation.w = 0.0
             return 0.0
-        orientation.y, orientation.w = math.sin(-pitch.value / 2.0), math.cos(pitch.value / 2.0)
-        return _variance(pitch)
+        about_y, about_x = -0.5 * pitch, 0.0
+        if not math.isnan(roll):
+            about_x = 0.5 * math.asin(max(-1.0, min(1.0, math.sin(roll) / math.cos(pitch))))
+        orientation.w = math.cos(about_y) * math.cos(about_x)
+        orientation.x = math.cos(about_y) * math.sin(about_x)
+        orientation.y = math.sin(about_y) * math.cos(about_x)
+        orientation.z = -math.sin(about_y) * math.sin(about_x)
+        return _variance(sample.pitch)
 
 
 def _values(entries: list[MeasuredValue]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

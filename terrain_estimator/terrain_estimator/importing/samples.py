@@ -45,6 +45,9 @@ class TableSample:
     pitch: MeasuredValue  # [rad] nose up
     acceleration: MeasuredValue  # [m/s^2] specific force along body x
     bogie_angle: float  # [rad] nose up, relative to the body
+    roll: float = math.nan  # [rad] of body y above the horizon, left side up
+    lateral_velocity: MeasuredValue = NOTHING  # [m/s] to the left
+    yaw_rate: MeasuredValue = NOTHING  # [rad/s] to the left
 
 
 def read_samples(path: Path, mapping: Mapping) -> Iterator[TableSample]:
@@ -143,6 +146,9 @@ class _Rows:
             pitch,
             self._body("acceleration", "acceleration"),
             self._nose_up("bogie_angle").value,
+            self._body("roll", "angle").value,
+            self._body("lateral_velocity", "velocity"),
+            self._body("yaw_rate", "yaw rate"),
         )
 
     def _contact_angles(self, pitch: MeasuredValue) -> list[MeasuredValue]:

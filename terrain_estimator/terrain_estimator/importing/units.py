@@ -17,6 +17,7 @@ UNITS: dict[str, dict[str, float]] = {
         "rpm": math.pi / 30.0,
         "1/s": 2.0 * math.pi,
     },
+    "yaw rate": {"rad/s": 1.0, "deg/s": math.pi / 180.0},
     "torque": {"N m": 1.0, "N cm": 0.01, "N mm": 0.001},
     "velocity": {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "km/h": 1.0 / 3.6},
     "acceleration": {"m/s^2": 1.0, "mm/s^2": 0.001, "g": STANDARD_GRAVITY},

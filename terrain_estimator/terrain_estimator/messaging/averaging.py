@@ -29,6 +29,7 @@ from terrain_estimator.estimator.screening import NOISE_BOUND, Screening, screen
 from terrain_estimator.messaging.conversion import Conversion, Mark
 from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Floats, Observation
 from terrain_estimator.outcome import Outcome
+from terramechanics.vehicle.rover import Rover
 
 STEP_NS = 100_000_000
 """[ns] Step of the model."""
@@ -167,9 +168,9 @@ class RateWindow:
 class Averager:
     """Pass, average or refuse the readings of one rover; its memory is that of one step."""
 
-    def __init__(self, wheel_radius_m: float, config: CoreConfig) -> None:
+    def __init__(self, rover: Rover, config: CoreConfig) -> None:
         """Start without a reading; a reading enters a mean as ``config`` lets it be used."""
-        self._radius, self._config = wheel_radius_m, config
+        self._rover, self._config = rover, config
         self.reset()
 
     def reset(self) -> None:
@@ -291,14 +292,14 @@ class Averager:
         Readings that noise puts outside the model's range belong to the mean: without them it would
         be biased. The estimator screens the mean.
         """
-        config, radius = self._config, self._radius
-        screening = screen(reading, None, radius, config)
+        config, rover = self._config, self._rover
+        screening = screen(reading, None, rover, config)
         if screening.outcome is not Outcome.OUT_OF_RANGE:
             return screening
         slip = _inside(reading.slip, reading.slip_sd, config.slip_minimum, config.slip_maximum)
-        sinkage = _inside(reading.sinkage, reading.sinkage_sd, 0.0, radius)
+        sinkage = _inside(reading.sinkage, reading.sinkage_sd, 0.0, rover.wheel_radius)
         moved = dataclasses.replace(reading, slip=slip, sinkage=sinkage)
-        again = screen(moved, None, radius, config)
+        again = screen(moved, None, rover, config)
         own = dataclasses.replace(again.observation, slip=reading.slip, sinkage=reading.sinkage)
         return dataclasses.replace(again, observation=own)
 

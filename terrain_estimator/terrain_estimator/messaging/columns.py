@@ -32,13 +32,25 @@ from terrain_estimator.messaging.conversion_rules import (
     is_possible,
     mean,
     mean_deviation,
+    optional_of,
     pitch_of,
+    roll_of,
 )
 from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Floats, Observation
-from terrain_estimator.topics import PITCH_IN_ORIENTATION, PITCH_IN_POSE, Message
+from terrain_estimator.topics import (
+    LATERAL_IN_TWIST,
+    PITCH_IN_ORIENTATION,
+    PITCH_IN_POSE,
+    YAW_IN_RATES,
+    YAW_IN_TWIST,
+    Message,
+)
 
 _ORIENTATION = tuple(f"orientation.{axis}" for axis in "xyzw")
 _POSE = tuple(f"pose.pose.{name}" for name in _ORIENTATION)
+_TWIST = ("twist.twist.linear.x", "twist.twist.linear.y", "twist.twist.angular.z")
+_RATES = "angular_velocity"
+_RATE = f"{_RATES}.z"
 _SECONDS, _NANOSECONDS, _SEQUENCE = "header.stamp.sec", "header.stamp.nanosec", "sequence"
 _JOINTS = ("position", "velocity", "effort")  # an empty one is no field
 _ONE, _MANY, _SMALL, _LARGE = (), None, (9,), (36,)  # lengths of arrays
@@ -47,11 +59,13 @@ _DOUBLES: dict[str, dict[str, tuple[int, ...] | None]] = {
     "wheel_sinkage": dict.fromkeys(
         ("sinkage", "sinkage_stddev", "contact_angle", "contact_angle_stddev"), _MANY
     ),
-    "odom": dict.fromkeys((*_POSE, "twist.twist.linear.x"), _ONE)
+    "odom": dict.fromkeys((*_POSE, *_TWIST), _ONE)
     | dict.fromkeys(("pose.covariance", "twist.covariance"), _LARGE),
     "joint_states": {},
-    "imu": dict.fromkeys((*_ORIENTATION, "linear_acceleration.x"), _ONE)
-    | dict.fromkeys(("orientation_covariance", "linear_acceleration_covariance"), _SMALL),
+    "imu": dict.fromkeys((*_ORIENTATION, _RATE, "linear_acceleration.x"), _ONE)
+    | dict.fromkeys(
+        ("orientation_covariance", f"{_RATES}_covariance", "linear_acceleration_covariance"), _SMALL
+    ),
 }
 """Numbers of each input that the conversion reads."""
 
@@ -280,9 +294,10 @@ def _add_joint_means(found: _Found, groups: Groups, name: str, values: Floats) -
 def _add_body(
     found: _Found, converter: Converter, odom: NDArray[np.void], imu: NDArray[np.void] | None
 ) -> None:
-    """Add velocity, pitch and acceleration."""
+    """Add velocities, attitude and acceleration."""
     config = converter.config
-    found.put("velocity", odom["twist.twist.linear.x"])
+    along, left, turn = (odom[name] for name in _TWIST)
+    found.put("velocity", along)
     spread = _deviations(odom["twist.covariance"][:, 0], config.default_velocity_sd)
     found.put("velocity_sd", spread)
     orientation = [odom[name] for name in _POSE]
@@ -301,8 +316,28 @@ def _add_body(
         ]
         found.put("acceleration", [value for value, _ in measured])
         found.put("acceleration_sd", [deviation for _, deviation in measured])
-    found.put("pitch", list(map(pitch_of, *(each.tolist() for each in orientation))))
+    angles = [each.tolist() for each in orientation]
+    found.put("pitch", list(map(pitch_of, *angles)))
     found.put("pitch_sd", _deviations(variance, config.default_pitch_sd))
+    found.put("roll", list(map(roll_of, *angles)))
+    lateral = odom["twist.covariance"][:, LATERAL_IN_TWIST]
+    _add_optional(found, "lateral_velocity", (left, lateral), config.default_lateral_velocity_sd)
+    yaw = odom["twist.covariance"][:, YAW_IN_TWIST]
+    if imu is not None:
+        given = imu[f"{_RATES}_covariance"][:, 0] != NOT_MEASURED
+        turn = np.where(given, imu[_RATE], turn)
+        yaw = np.where(given, imu[f"{_RATES}_covariance"][:, YAW_IN_RATES], yaw)
+    _add_optional(found, "yaw_rate", (turn, yaw), config.default_yaw_rate_sd)
+
+
+def _add_optional(
+    found: _Found, name: str, measured: tuple[Floats, Floats], default: float
+) -> None:
+    """Add values and their deviations, from values and variances [n]."""
+    both = zip(*(each.tolist() for each in measured), strict=True)
+    values = [optional_of(value, variance, default) for value, variance in both]
+    found.put(name, [value for value, _ in values])
+    found.put(f"{name}_sd", [deviation for _, deviation in values])
 
 
 def _deviations(variances: Floats, default: float) -> list[float]:

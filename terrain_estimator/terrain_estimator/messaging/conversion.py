@@ -26,13 +26,22 @@ from terrain_estimator.messaging.conversion_rules import (
     finite_mean,
     mean,
     mean_deviation,
+    optional_of,
     pitch_of,
+    roll_of,
     usable,
 )
 from terrain_estimator.messaging.sizes import Oversized
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.topics import PITCH_IN_ORIENTATION, PITCH_IN_POSE, Message
+from terrain_estimator.topics import (
+    LATERAL_IN_TWIST,
+    PITCH_IN_ORIENTATION,
+    PITCH_IN_POSE,
+    YAW_IN_RATES,
+    YAW_IN_TWIST,
+    Message,
+)
 from terramechanics.vehicle.rover import Rover
 
 Groups = tuple[tuple[int, ...], ...]  # per axle: positions of its wheels in the message
@@ -175,8 +184,14 @@ class Converter:
         sinkages, sinkage_sds = self._axle_means(depth, notes)
         angles, angle_sds = self._axle_means(angle, notes)
         rates, torques, torque_sds = self._joints(joints, notes)
-        pitch, pitch_sd = self._pitch(odom, imu)
+        pitch, pitch_sd, roll = self._attitude(odom, imu)
         acceleration, acceleration_sd = self._acceleration(imu)
+        lateral_velocity, lateral_velocity_sd = optional_of(
+            odom.twist.twist.linear.y,
+            odom.twist.covariance[LATERAL_IN_TWIST],
+            self.config.default_lateral_velocity_sd,
+        )
+        yaw_rate, yaw_rate_sd = self._yaw_rate(odom, imu)
         return Observation(
             stamp_ns=stamp_ns,
             slip=np.array(slips),
@@ -195,6 +210,11 @@ class Converter:
             acceleration=acceleration,
             acceleration_sd=acceleration_sd,
             bogie_angle=self._bogie_angle(joints),
+            roll=roll,
+            lateral_velocity=lateral_velocity,
+            lateral_velocity_sd=lateral_velocity_sd,
+            yaw_rate=yaw_rate,
+            yaw_rate_sd=yaw_rate_sd,
         )
 
     def _axle_means(self, signal: _Signal, notes: _Notes) -> tuple[list[float], list[float]]:
@@ -322,8 +342,8 @@ class Converter:
         """Return the standard deviation [N m] of the torque of one wheel."""
         return math.hypot(self.config.torque_relative_sd * torque, self.torque_absolute_sd)
 
-    def _pitch(self, odom: Message, imu: Message) -> tuple[float, float]:
-        """Return the nose-up pitch [rad] and its standard deviation.
+    def _attitude(self, odom: Message, imu: Message) -> tuple[float, float, float]:
+        """Return the nose-up pitch [rad], its standard deviation, and the roll [rad].
 
         The imu gives it where it has an orientation, else odom.
         """
@@ -334,7 +354,17 @@ class Converter:
             )
         else:
             orientation, variance = odom.pose.pose.orientation, odom.pose.covariance[PITCH_IN_POSE]
-        return nose_up_pitch(orientation), deviation_of(variance, self.config.default_pitch_sd)
+        deviation = deviation_of(variance, self.config.default_pitch_sd)
+        return nose_up_pitch(orientation), deviation, roll_left_up(orientation)
+
+    def _yaw_rate(self, odom: Message, imu: Message) -> tuple[float, float]:
+        """Return the yaw rate [rad/s] and its deviation; the imu gives it where it has rates."""
+        if imu is not None and imu.angular_velocity_covariance[0] != NOT_MEASURED:
+            value = imu.angular_velocity.z
+            variance = imu.angular_velocity_covariance[YAW_IN_RATES]
+        else:
+            value, variance = odom.twist.twist.angular.z, odom.twist.covariance[YAW_IN_TWIST]
+        return optional_of(value, variance, self.config.default_yaw_rate_sd)
 
     def _acceleration(self, imu: Message) -> tuple[float, float]:
         """Return specific force along body x [m/s^2] and its deviation; NaN where not measured."""
@@ -352,6 +382,11 @@ def _unless_oversized(message: Message, notes: _Notes) -> Message:
         notes.texts.append(message.detail)
         return None
     return message
+
+
+def roll_left_up(orientation: Message) -> float:
+    """Return the roll [rad], positive left side up, of a quaternion message; NaN where none."""
+    return roll_of(orientation.x, orientation.y, orientation.z, orientation.w)
 
 
 def nose_up_pitch(orientation: Message) -> float:

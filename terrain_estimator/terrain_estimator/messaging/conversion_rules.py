@@ -99,6 +99,24 @@ def pitch_of(x: float, y: float, z: float, w: float) -> float:
     return -math.asin(max(-1.0, min(1.0, sine)))
 
 
+def roll_of(x: float, y: float, z: float, w: float) -> float:
+    """Return how far body y points above the horizon [rad], left side up, of a quaternion.
+
+    An invalid quaternion gives NaN.
+    """
+    norm = x * x + y * y + z * z + w * w
+    if not abs(norm - 1.0) < UNIT_QUATERNION_TOLERANCE:
+        return math.nan
+    sine = 2.0 * (w * x + y * z) / norm
+    return math.asin(max(-1.0, min(1.0, sine)))
+
+
+def optional_of(value: float, variance: float, default: float) -> tuple[float, float]:
+    """Return a value and its deviation; NaN where a negative variance says "not measured"."""
+    deviation = deviation_of(variance, default)
+    return (math.nan, math.nan) if math.isnan(deviation) else (float(value), deviation)
+
+
 def deviation_of(variance: float, default: float) -> float:
     """Return the standard deviation of a ROS covariance entry.
 

@@ -80,7 +80,7 @@ class Pipeline:
         self.rover_name, self._wheels = rover.name, rover.wheel_names
         self._model, self._config = model, config
         self._converter = Converter(rover, config.conversion, config.core)
-        self._averager = Averager(rover.wheel_radius, config.core)
+        self._averager = Averager(rover, config.core)
         self._before: Arrays | None = None  # the state before the first reading
         warm_up(model, config)
         self._estimator = Estimator(model, config.core)

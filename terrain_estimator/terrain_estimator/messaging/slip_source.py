@@ -23,7 +23,7 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.config.slip_source import SlipSourceConfig
 from terrain_estimator.messaging.pairing import InputTopic, MessageSet, Synchronizer
 from terrain_estimator.observation import Floats
-from terrain_estimator.topics import BODY_FRAME, Make, Message, stamp_ns
+from terrain_estimator.topics import BODY_FRAME, YAW_IN_TWIST, Make, Message, stamp_ns
 from terramechanics.vehicle.rover import Rover
 
 ODOMETRY = "odometry"
@@ -33,7 +33,6 @@ VELOCITY_TYPES = {
 }
 """Message types of a velocity; both hold it in twist.twist.linear.x."""
 JOINTS, VELOCITY = "joint_states", "velocity"
-YAW_IN_TWIST = 35  # (5, 5) of a 6 x 6 covariance, row-major: rotation about z
 TWICE = (
     "velocity comes from the estimator's own input odom: its noise would enter slip and velocity"
     " alike, which the estimator treats as independent. Give velocity another source"

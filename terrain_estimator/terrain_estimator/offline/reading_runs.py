@@ -117,7 +117,7 @@ def _observations(
         converter.convert(complete.stamp_ns, complete.messages)
         for complete in _paired(reader, reading, converter)
     )
-    for converted in averaged(readings, Averager(rover.wheel_radius, used)):
+    for converted in averaged(readings, Averager(rover, used)):
         none = False
         if converted.observation is None:
             refusals.add(converted.outcome, converted.detail)

@@ -208,6 +208,11 @@ class Rover:
         return len(self.wheels) // self.axles
 
     @property
+    def reach(self) -> float:
+        """Distance of the furthest axle from the body's origin [m]."""
+        return max(map(abs, self.axle_x))
+
+    @property
     def weight(self) -> float:
         """Weight m g of the whole rover [N]."""
         return self.mass * self.gravity

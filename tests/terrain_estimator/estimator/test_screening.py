@@ -16,8 +16,9 @@ from terrain_estimator.estimator.screening import Screening, screen
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terramechanics.contact.stresses import MAX_SLIP, MIN_SLIP
+from tests.rovers import MARS
 
-RADIUS = 0.13
+RADIUS = MARS.wheel_radius
 CONFIG = CoreConfig()
 BAD = [math.nan, math.inf, -math.inf]
 NOT_MEASURED = np.full(3, np.nan)
@@ -47,7 +48,7 @@ def observe(**changes: Any) -> Observation:
 
 
 def verdict(previous_ns: int | None = None, /, **changes: Any) -> Screening:
-    return screen(observe(**changes), previous_ns, RADIUS, CONFIG)
+    return screen(observe(**changes), previous_ns, MARS, CONFIG)
 
 
 def at(axle: int, value: float, others: float) -> Any:
@@ -67,7 +68,7 @@ def test_a_bogie_angle_that_no_bogie_has_is_masked_and_named(angle: float) -> No
 
 def test_a_good_observation_passes_unchanged() -> None:
     good = observe()
-    result = screen(good, good.stamp_ns - 1, RADIUS, CONFIG)
+    result = screen(good, good.stamp_ns - 1, MARS, CONFIG)
     assert result.outcome is Outcome.ACCEPTED
     assert result.observation is good
 

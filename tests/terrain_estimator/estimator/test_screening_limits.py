@@ -15,16 +15,17 @@ from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.screening import Screening, backwards, screen
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
+from tests.rovers import MARS
 from tests.terrain_estimator.estimator.test_screening import observe
 
-RADIUS, CONFIG = 0.13, CoreConfig()
+RADIUS, CONFIG = MARS.wheel_radius, CoreConfig()
 STANDSTILL = CONFIG.standstill_speed
 NAN = math.nan
 WHEELS = ("slip", "slip_sd", "sinkage", "sinkage_sd", "contact_angle", "contact_angle_sd")
 
 
 def verdict(previous_ns: int | None = None, /, **changes: Any) -> Screening:
-    return screen(observe(**changes), previous_ns, RADIUS, CONFIG)
+    return screen(observe(**changes), previous_ns, MARS, CONFIG)
 
 
 def up(value: float) -> float:
@@ -244,7 +245,7 @@ def test_a_velocity_is_taken_up_to_the_fastest(
 @given(name=st.sampled_from(WHEELS), axle=st.integers(0, 2), value=st.floats(width=64))
 def test_what_is_refused_is_handed_back_as_it_came(name: str, axle: int, value: float) -> None:
     observation: Observation = observe(**{name: on_axle(name, axle, value)})
-    found = screen(observation, None, RADIUS, CONFIG)
+    found = screen(observation, None, MARS, CONFIG)
     if not found.outcome.used:
         assert found.observation is observation
         assert f"axle {axle}" in found.detail
@@ -253,3 +254,57 @@ def test_what_is_refused_is_handed_back_as_it_came(name: str, axle: int, value: 
             np.testing.assert_array_equal(
                 getattr(found.observation, field.name), getattr(observation, field.name)
             )
+
+
+# planar motion
+
+TURN, LEAN = CONFIG.turn_limit, CONFIG.roll_limit
+RIM = 1.5 * RADIUS  # [m/s] of what observe() gives
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_lean_is_taken_up_to_its_limit(side: float) -> None:
+    assert verdict(roll=side * LEAN).outcome is Outcome.ACCEPTED
+    found = verdict(roll=side * up(LEAN))
+    assert found.outcome is Outcome.NOT_PLANAR
+    assert "3.4 deg" in found.detail
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("name", "arm"), [("lateral_velocity", 1.0), ("yaw_rate", max(MARS.axle_x))]
+)
+def test_an_axle_may_move_sideways_by_a_share_of_the_rims_speed(
+    name: str, arm: float, side: float
+) -> None:
+    def moving(share: float, deviation: float) -> Screening:
+        value = side * (share * TURN * RIM / arm + 2.0 * deviation)
+        return verdict(**{name: value, f"{name}_sd": deviation})
+
+    for deviation in (0.0, 0.01):
+        assert moving(0.999, deviation).outcome is Outcome.ACCEPTED
+        found = moving(1.001, deviation)
+        assert found.outcome is Outcome.NOT_PLANAR
+        assert name.replace("_", " ") in found.detail
+
+
+def test_the_faster_of_rims_and_rover_counts() -> None:
+    slow = {"lateral_velocity": 0.9 * TURN * 0.4, "lateral_velocity_sd": 0.0}
+    assert verdict(**slow).outcome is Outcome.NOT_PLANAR
+    assert verdict(velocity=0.4, **slow).outcome is Outcome.ACCEPTED
+
+
+def test_no_limit_and_no_measurement_let_every_motion_pass() -> None:
+    wild = {
+        "roll": 1.0,
+        "lateral_velocity": 1.0,
+        "lateral_velocity_sd": 0.0,
+        "yaw_rate": 1.0,
+        "yaw_rate_sd": 0.0,
+    }
+    free = dataclasses.replace(CONFIG, roll_limit=0.0, turn_limit=0.0)
+    assert screen(observe(**wild), None, MARS, free).outcome is Outcome.ACCEPTED
+    for name in ("roll", "lateral_velocity", "yaw_rate"):
+        assert verdict(**{name: NAN}).outcome is Outcome.ACCEPTED
+        endless = {name: math.inf, "lateral_velocity_sd": 0.0, "yaw_rate_sd": 0.0}
+        assert verdict(**endless).outcome is Outcome.NOT_PLANAR

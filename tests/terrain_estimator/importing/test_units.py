@@ -24,6 +24,8 @@ EXPECTED = {
     ("wheel rate", "deg/s"): constants.degree,
     ("wheel rate", "rpm"): TURN / constants.minute,
     ("wheel rate", "1/s"): TURN,
+    ("yaw rate", "rad/s"): 1.0,
+    ("yaw rate", "deg/s"): constants.degree,
     ("torque", "N m"): 1.0,
     ("torque", "N cm"): constants.centi,
     ("torque", "N mm"): constants.milli,

@@ -25,6 +25,7 @@ from terramechanics.simulation.sample import Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import start
 from terramechanics.terrain.ground import Ground
+from tests.rovers import MARS
 
 START_NS = 7_000_000_000
 PIPELINE = cache(lambda: Pipeline(load_model(), EstimatorConfig()))
@@ -198,7 +199,7 @@ def test_a_reading_that_cannot_be_used_enters_no_mean() -> None:
 
 def test_a_reading_that_noise_puts_out_of_range_belongs_to_the_mean() -> None:
     """Without it the mean of a small sinkage would be biased."""
-    [model], averager = drive(10, 0.1), Averager(0.13, CoreConfig())
+    [model], averager = drive(10, 0.1), Averager(MARS, CoreConfig())
     result = []
     for step in range(1, 51):
         sinkage = np.full(3, -1e-4 if step % 5 == 0 else 4e-4)
@@ -221,7 +222,7 @@ def test_a_recording_is_read_without_what_is_withdrawn(rate_hz: float, first: fl
         )
         for at in range(1, round(2 * rate_hz) + 1)
     ]
-    result = list(averaged(readings, Averager(0.13, CoreConfig())))
+    result = list(averaged(readings, Averager(MARS, CoreConfig())))
     stamps = [each.stamp_ns / 1e9 for each in result]
     np.testing.assert_allclose(stamps, first + 0.1 * np.arange(20))
 

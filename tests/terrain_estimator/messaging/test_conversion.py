@@ -9,15 +9,30 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from rover_parameters.parameters import configure
 from terrain_estimator.bags import Types
 from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
-from terrain_estimator.messaging.conversion import Conversion, Converter, nose_up_pitch
+from terrain_estimator.messaging.conversion import (
+    Conversion,
+    Converter,
+    nose_up_pitch,
+    roll_left_up,
+)
 from terrain_estimator.nodes.common import message_types
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.topics import PITCH_IN_ORIENTATION, PITCH_IN_POSE, Make
+from terrain_estimator.topics import (
+    LATERAL_IN_TWIST,
+    PITCH_IN_ORIENTATION,
+    PITCH_IN_POSE,
+    YAW_IN_RATES,
+    YAW_IN_TWIST,
+    Make,
+)
 from terramechanics.presets import load_rover
 from terramechanics.vehicle.rover import Rover
 
@@ -436,6 +451,49 @@ def test_the_pitch_is_nose_up_for_any_heading() -> None:
         assert nose_up_pitch(turned) == pytest.approx(0.2)
 
 
+@given(roll=st.floats(-0.5, 0.5), pitch=st.floats(-0.5, 0.5), heading=st.floats(-math.pi, math.pi))
+def test_the_roll_is_that_of_the_left_side_for_any_pitch_and_heading(
+    roll: float, pitch: float, heading: float
+) -> None:
+    """Against scipy: heading, then pitch nose up, then a turn about body x."""
+    turned = Rotation.from_euler("ZYX", [heading, -pitch, roll])
+    x, y, z, w = turned.as_quat()
+    quaternion_message = OFFLINE("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+    left = turned.apply([0.0, 1.0, 0.0])
+    assert roll_left_up(quaternion_message) == pytest.approx(math.asin(left[2]), abs=1e-9)
+    assert math.copysign(1.0, left[2]) == math.copysign(1.0, roll) or abs(roll) < 1e-12
+
+
+def test_lateral_velocity_and_yaw_rate_are_read_with_their_deviations() -> None:
+    message = odom(OFFLINE)
+    message.twist.twist.linear.y, message.twist.twist.angular.z = -0.02, 0.3
+    message.twist.covariance = covariance(36, _0=1e-4, _7=4e-4, _35=9e-4)
+    unmeasured = imu(OFFLINE, angular_velocity_covariance=covariance(9, _0=-1.0))
+    result = observed(convert(odom=message, imu=unmeasured))
+    assert (result.lateral_velocity, result.lateral_velocity_sd) == (-0.02, 0.02)
+    assert (result.yaw_rate, result.yaw_rate_sd) == pytest.approx((0.3, 0.03))
+
+
+def test_the_imu_gives_the_yaw_rate_where_it_measures_rates() -> None:
+    turning = imu(
+        OFFLINE,
+        angular_velocity=vector(OFFLINE, z=0.2),
+        angular_velocity_covariance=covariance(9, _8=1e-4),
+    )
+    result = observed(convert(imu=turning))
+    assert (result.yaw_rate, result.yaw_rate_sd) == (0.2, 0.01)
+    without = observed(convert(CoreConfig(use_imu=False), imu=turning))
+    assert without.yaw_rate == 0.0
+
+
+def test_a_negative_variance_says_that_a_motion_is_not_measured() -> None:
+    message = odom(OFFLINE)
+    message.twist.covariance = covariance(36, _0=1e-4, _7=-1.0)
+    result = observed(convert(odom=message))
+    assert math.isnan(result.lateral_velocity)
+    assert math.isnan(result.lateral_velocity_sd)
+
+
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_a_rover_on_its_nose_has_a_pitch_though_rounding_takes_the_sine_beyond_one(
     way: float,
@@ -447,7 +505,15 @@ def test_a_rover_on_its_nose_has_a_pitch_though_rounding_takes_the_sine_beyond_o
 
 @pytest.mark.parametrize("w", [0.0, 0.5, 10.0, math.nan, math.inf])
 def test_a_quaternion_that_is_no_orientation_gives_no_pitch(w: float) -> None:
-    assert math.isnan(nose_up_pitch(OFFLINE("geometry_msgs/msg/Quaternion", w=w)))
+    message = OFFLINE("geometry_msgs/msg/Quaternion", w=w)
+    assert math.isnan(nose_up_pitch(message))
+    assert math.isnan(roll_left_up(message))
+
+
+def test_the_entries_of_the_rates_are_those_of_ros() -> None:
+    assert np.arange(36).reshape(6, 6)[1, 1] == LATERAL_IN_TWIST
+    assert np.arange(36).reshape(6, 6)[5, 5] == YAW_IN_TWIST
+    assert np.arange(9).reshape(3, 3)[2, 2] == YAW_IN_RATES
 
 
 def test_the_pitch_is_the_entry_about_y_of_both_covariances() -> None:

@@ -47,7 +47,7 @@ def observations(draw: st.DrawFn, step: int = 0) -> Observation:
 def test_what_passes_the_screening_can_be_calculated_with(
     observation: Observation, previous_ns: int | None
 ) -> None:
-    verdict = screen(observation, previous_ns, ROVER.wheel_radius, CoreConfig())
+    verdict = screen(observation, previous_ns, ROVER, CoreConfig())
     assert bool(verdict.detail) == (verdict.outcome is not Outcome.ACCEPTED)
     if not verdict.outcome.used:
         return
@@ -62,7 +62,7 @@ def test_what_passes_the_screening_can_be_calculated_with(
         assert ((deviation >= DEVIATIONS[0]) & (deviation <= DEVIATIONS[1])).all()
     optional = [*passed.torque, *passed.wheel_rate, passed.acceleration, passed.bogie_angle]
     assert not np.isinf(optional).any()
-    again = screen(passed, previous_ns, ROVER.wheel_radius, CoreConfig())
+    again = screen(passed, previous_ns, ROVER, CoreConfig())
     for name in (*AXLE_FIELDS, *SCALAR_FIELDS):
         np.testing.assert_array_equal(getattr(again.observation, name), getattr(passed, name))
 
@@ -136,7 +136,7 @@ def test_a_set_of_messages_of_any_form_is_an_observation_or_a_refusal(data: st.D
         assert found.outcome is Outcome.WRONG_WHEELS
         assert "wheels" in found.detail
     else:
-        screen(found.observation, None, ROVER.wheel_radius, CoreConfig())
+        screen(found.observation, None, ROVER, CoreConfig())
 
 
 @given(

@@ -54,12 +54,21 @@ NUMBERS_OF = {
         "contact_angle_stddev",
     ),
     "joint_states": ("position", "velocity", "effort"),
-    "odom": ("twist.covariance", "pose.covariance", "twist.twist.linear.x"),
+    "odom": (
+        "twist.covariance",
+        "pose.covariance",
+        "twist.twist.linear.x",
+        "twist.twist.linear.y",
+        "twist.twist.angular.z",
+    ),
     "imu": (
         "orientation_covariance",
         "linear_acceleration_covariance",
         "linear_acceleration.x",
+        "angular_velocity.z",
+        "angular_velocity_covariance",
         "orientation.w",
+        "orientation.x",
     ),
 }
 CORES = (

@@ -37,6 +37,7 @@ class Motion:
     yaw_rate: float  # [rad/s] about body z
     per_radian: float  # [1/s] its deviation for each radian of an attitude's
     pitch: float  # [rad] nose up
+    roll: float  # [rad] of body y above the horizon, left side up
     travel: Floats  # [3] [m/s] in the frame of the pose
     misses: tuple[float, float]  # [m^2], [rad^2] sum of squares by which the lines miss
     freedom: int  # degrees of freedom of the second; three times as many of the first
@@ -109,6 +110,7 @@ def motion_at(
         yaw_rate=float(yaw_rate[0]),
         per_radian=1.0 / spread,
         pitch=math.asin(max(-1.0, min(1.0, float(forward @ axes.above)))),
+        roll=math.asin(max(-1.0, min(1.0, float(left @ axes.above)))),
         travel=axes.frame[at].mean(0).T @ travel,
         misses=(miss, yaw_miss),
         freedom=len(at) - 2,

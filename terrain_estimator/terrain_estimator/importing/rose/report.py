@@ -54,7 +54,7 @@ def report(found: Found, options: RoseOptions) -> Iterator[str]:
     yield (
         f"the rover turns for {found.turning_s:.1f} of {STEP * len(found.motions):.1f} s (yaw rate"
         f" above {options.turn_rate:g} rad/s): "
-        + (f"the estimator is planar, they are {turned}" if found.turning_s else "nothing to do")
+        + (f"the estimator refuses them, they are {turned}" if found.turning_s else "nothing to do")
     )
     absent = [
         name
@@ -88,6 +88,8 @@ def mapping_of(rover: Rover, options: RoseOptions) -> Mapping:
     body = {
         "velocity": BodySignal(POSITION[0], "m/s", some),
         "pitch": BodySignal(ORIENTATION[0], "rad", some, positive="nose_up"),
+        "roll": BodySignal(ORIENTATION[0], "rad", some),
+        "yaw_rate": BodySignal(ORIENTATION[0], "rad/s", some),
     }
     if options.acceleration_axis:
         body["acceleration"] = BodySignal("lin_acc", "m/s^2", some)

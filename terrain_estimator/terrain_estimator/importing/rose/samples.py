@@ -199,6 +199,8 @@ def _sample(
         pitch=MeasuredValue(motion.pitch, options.pitch_sd),
         acceleration=windows.acceleration(centre),
         bogie_angle=math.nan,
+        roll=motion.roll,
+        yaw_rate=MeasuredValue(motion.yaw_rate, yaw_sd),
     )
 
 
