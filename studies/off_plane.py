@@ -164,7 +164,7 @@ def judge(
     model: LoadedModel, found: list[list[Observation]], strength: Floats, core: CoreConfig
 ) -> Judged:
     """Run the node's estimator over each drive."""
-    rows, reach = usable_rows(model.rows, core), model.rover.reach
+    rows = usable_rows(model.rows, core)
     inside, identified, errors, refused, shares = [], [], [], 0, []
     for observations, truth in zip(found, strength, strict=True):
         estimator = Estimator(model, core)
@@ -172,7 +172,8 @@ def judge(
         refused += sum(each.decision.outcome is Outcome.NOT_PLANAR for each in updates)
         for each in observations:
             rim = max(each.wheel_rate) * model.rover.wheel_radius
-            shares.append((abs(each.lateral_velocity) + reach * abs(each.yaw_rate)) / rim)
+            moved = [abs(each.lateral_velocity + x * each.yaw_rate) for x in model.rover.axle_x]
+            shares.append(max(moved) / rim)
         estimate = updates[-1].estimate
         holds = (estimate.lower_95 <= truth) & (truth <= estimate.upper_95)
         inside.append(bool(holds.all()))

@@ -130,6 +130,8 @@ def test_slip_and_estimates_follow_from_the_topics_and_joints_of_a_platform(
         for name, message in messages(step).items():
             publishers[name].publish(message)
         listener.wait_for_messages(slips, count)
+        # no faster than the estimator: its queues hold 50
+        listener.wait_for_messages(estimates, count - 10, timeout=60.0)
     drive = driven()
     assert {tuple(each.wheel) for each in slips} == {JOINTS}
     np.testing.assert_allclose([each.slip for each in slips], drive.slip[STEPS], atol=1e-9)

@@ -107,7 +107,7 @@ class CoreConfig:
     )
     turn_limit: float = number(
         "observations in which an axle moves sideways by more than this share of the rims' speed"
-        " are refused, since the model drives straight; 0: no limit",
+        " and twice the noise are refused, since the model drives straight; 0: no limit",
         "1",
         0.0,
         10.0,

@@ -66,7 +66,7 @@ def screen(
         or _refuse_standstill(observation, rims, config.standstill_speed)
         or _refuse_scalars(observation)
         or _refuse_reverse(observation, rims, config.standstill_speed)
-        or _refuse_turn(observation, max([observation.velocity, *rims]), rover.reach, config)
+        or _refuse_turn(observation, rims, rover, config)
     )
     if refusal is not None:
         return Screening(refusal[0], observation, refusal[1])
@@ -156,14 +156,14 @@ def _refuse_reverse(observation: Observation, rims: list[float], threshold: floa
 
 
 def _refuse_turn(
-    observation: Observation, speed: float, reach: float, config: CoreConfig
+    observation: Observation, rims: list[float], rover: Rover, config: CoreConfig
 ) -> _Refusal:
     """Refuse a rover that leans to a side, moves sideways or turns: the model is planar.
 
     Wheels share their shear between along and across, and left and right carry different loads.
-    What that does to c and tan phi, and so where the limits are, is in docs/lateral.md. ``speed``
-    [m/s] is that of the rims, ``reach`` [m] the distance of the furthest axle. Noise may explain a
-    motion, but not a lean: its noise is far below the limit.
+    What that does to c and tan phi, and so where the limits are, is in docs/lateral.md. Noise may
+    explain a motion, but not a lean: its noise is far below the limit. What is not measured counts
+    as zero.
     """
     lean = abs(observation.roll)
     if config.roll_limit and lean > config.roll_limit:
@@ -172,16 +172,25 @@ def _refuse_turn(
         return Outcome.NOT_PLANAR, f"the rover leans {degrees}, {limit}"
     if not config.turn_limit:
         return None
-    motions = (
-        ("lateral velocity", observation.lateral_velocity, observation.lateral_velocity_sd, 1.0),
-        ("yaw rate", observation.yaw_rate, observation.yaw_rate_sd, reach),
+    left, left_sd = _known(observation.lateral_velocity, observation.lateral_velocity_sd)
+    turn, turn_sd = _known(observation.yaw_rate, observation.yaw_rate_sd)
+    sideways = max(abs(left + x * turn) for x in rover.axle_x)
+    noise = _TURN_BOUND * math.hypot(left_sd, rover.reach * turn_sd)
+    # a rate that no wheel has is masked later
+    speed = max([0.0, observation.velocity, *(rim for rim in rims if abs(rim) <= FASTEST)])
+    if sideways - noise <= config.turn_limit * speed:
+        return None
+    motion = f"lateral velocity {left:.3g} m/s and yaw rate {turn:.3g} rad/s"
+    limit = f"turn_limit ({config.turn_limit:g} of {speed:.3g} m/s) and noise ({noise:.3g} m/s)"
+    return (
+        Outcome.NOT_PLANAR,
+        f"{motion} move an axle sideways by {sideways:.3g} m/s, beyond {limit}",
     )
-    for name, value, deviation, arm in motions:
-        if arm * (abs(value) - _TURN_BOUND * deviation) > config.turn_limit * speed:
-            sideways = f"{name} {value:.3g} moves an axle sideways with {arm * abs(value):.3g} m/s"
-            limit = f"beyond turn_limit ({config.turn_limit:g} of {speed:.3g} m/s)"
-            return Outcome.NOT_PLANAR, f"{sideways}, {limit}"
-    return None
+
+
+def _known(value: float, deviation: float) -> tuple[float, float]:
+    """Return a value and its deviation; zeros where it is not measured."""
+    return (value, deviation) if math.isfinite(value) and deviation >= 0.0 else (0.0, 0.0)
 
 
 def _refuse_scalars(observation: Observation) -> _Refusal:

@@ -19,7 +19,7 @@ from terrain_estimator.topics import (
     YAW_IN_TWIST,
 )
 
-UNKNOWN = -1.0  # first element of a covariance in sensor_msgs/Imu: not measured
+UNKNOWN = -1.0  # variance of what was not measured; in sensor_msgs/Imu the first element
 
 BOGIE = "bogie"
 """Name of the bogie's joint, the default of the estimator's parameter bogie_joint."""
@@ -93,12 +93,10 @@ class SampleWriter:
         )
         odom.twist.twist.linear.x = sample.velocity.value
         odom.twist.covariance[0] = _variance(sample.velocity)
-        if not math.isnan(sample.lateral_velocity.value):
-            odom.twist.twist.linear.y = sample.lateral_velocity.value
-            odom.twist.covariance[LATERAL_IN_TWIST] = _variance(sample.lateral_velocity)
-        if not math.isnan(sample.yaw_rate.value):
-            odom.twist.twist.angular.z = sample.yaw_rate.value
-            odom.twist.covariance[YAW_IN_TWIST] = _variance(sample.yaw_rate)
+        odom.twist.twist.linear.y, odom.twist.covariance[LATERAL_IN_TWIST] = _optional(
+            sample.lateral_velocity
+        )
+        odom.twist.twist.angular.z, odom.twist.covariance[YAW_IN_TWIST] = _optional(sample.yaw_rate)
         odom.pose.covariance[PITCH_IN_POSE] = self._orient(odom.pose.pose.orientation, sample)
         return odom
 
@@ -157,6 +155,11 @@ def _values(entries: list[MeasuredValue]) -> np.ndarray[tuple[int], np.dtype[np.
 
 def _deviations(entries: list[MeasuredValue]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     return np.array([entry.deviation for entry in entries])
+
+
+def _optional(entry: MeasuredValue) -> tuple[float, float]:
+    """Return value and variance, 0 and UNKNOWN where it was not measured."""
+    return (0.0, UNKNOWN) if math.isnan(entry.value) else (entry.value, _variance(entry))
 
 
 def _variance(entry: MeasuredValue) -> float:

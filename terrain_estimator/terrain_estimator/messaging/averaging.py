@@ -170,7 +170,9 @@ class Averager:
 
     def __init__(self, rover: Rover, config: CoreConfig) -> None:
         """Start without a reading; a reading enters a mean as ``config`` lets it be used."""
-        self._rover, self._config = rover, config
+        # noise must not sort the readings of a turn: the estimator judges their mean
+        self._config = dataclasses.replace(config, roll_limit=0.0, turn_limit=0.0)
+        self._rover = rover
         self.reset()
 
     def reset(self) -> None:

@@ -320,24 +320,23 @@ def _add_body(
     found.put("pitch", list(map(pitch_of, *angles)))
     found.put("pitch_sd", _deviations(variance, config.default_pitch_sd))
     found.put("roll", list(map(roll_of, *angles)))
-    lateral = odom["twist.covariance"][:, LATERAL_IN_TWIST]
-    _add_optional(found, "lateral_velocity", (left, lateral), config.default_lateral_velocity_sd)
-    yaw = odom["twist.covariance"][:, YAW_IN_TWIST]
+    covariance = odom["twist.covariance"]
+    lateral = _optional(left, covariance[:, LATERAL_IN_TWIST], config.default_lateral_velocity_sd)
+    yaw = _optional(turn, covariance[:, YAW_IN_TWIST], config.default_yaw_rate_sd)
     if imu is not None:
-        given = imu[f"{_RATES}_covariance"][:, 0] != NOT_MEASURED
-        turn = np.where(given, imu[_RATE], turn)
-        yaw = np.where(given, imu[f"{_RATES}_covariance"][:, YAW_IN_RATES], yaw)
-    _add_optional(found, "yaw_rate", (turn, yaw), config.default_yaw_rate_sd)
+        rates = imu[f"{_RATES}_covariance"]
+        own = _optional(imu[_RATE], rates[:, YAW_IN_RATES], config.default_yaw_rate_sd)
+        usable_rates = (rates[:, 0] != NOT_MEASURED) & np.isfinite(own[:, 0])
+        yaw = np.where(usable_rates[:, np.newaxis], own, yaw)
+    for name, values in (("lateral_velocity", lateral), ("yaw_rate", yaw)):
+        found.put(name, values[:, 0])
+        found.put(f"{name}_sd", values[:, 1])
 
 
-def _add_optional(
-    found: _Found, name: str, measured: tuple[Floats, Floats], default: float
-) -> None:
-    """Add values and their deviations, from values and variances [n]."""
-    both = zip(*(each.tolist() for each in measured), strict=True)
-    values = [optional_of(value, variance, default) for value, variance in both]
-    found.put(name, [value for value, _ in values])
-    found.put(f"{name}_sd", [deviation for _, deviation in values])
+def _optional(values: Floats, variances: Floats, default: float) -> Floats:
+    """Return values and their deviations [n, 2]; NaN where nothing was measured."""
+    both = zip(values.tolist(), variances.tolist(), strict=True)
+    return np.array([optional_of(*each, default) for each in both]).reshape(-1, 2)
 
 
 def _deviations(variances: Floats, default: float) -> list[float]:

@@ -358,13 +358,15 @@ class Converter:
         return nose_up_pitch(orientation), deviation, roll_left_up(orientation)
 
     def _yaw_rate(self, odom: Message, imu: Message) -> tuple[float, float]:
-        """Return the yaw rate [rad/s] and its deviation; the imu gives it where it has rates."""
+        """Return the yaw rate [rad/s] and its deviation: the imu's where it is usable."""
+        default, given = self.config.default_yaw_rate_sd, (math.nan, math.nan)
         if imu is not None and imu.angular_velocity_covariance[0] != NOT_MEASURED:
-            value = imu.angular_velocity.z
             variance = imu.angular_velocity_covariance[YAW_IN_RATES]
-        else:
-            value, variance = odom.twist.twist.angular.z, odom.twist.covariance[YAW_IN_TWIST]
-        return optional_of(value, variance, self.config.default_yaw_rate_sd)
+            given = optional_of(imu.angular_velocity.z, variance, default)
+        if math.isfinite(given[0]):
+            return given
+        twist = odom.twist
+        return optional_of(twist.twist.angular.z, twist.covariance[YAW_IN_TWIST], default)
 
     def _acceleration(self, imu: Message) -> tuple[float, float]:
         """Return specific force along body x [m/s^2] and its deviation; NaN where not measured."""

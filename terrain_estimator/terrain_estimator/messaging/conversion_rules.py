@@ -112,9 +112,14 @@ def roll_of(x: float, y: float, z: float, w: float) -> float:
 
 
 def optional_of(value: float, variance: float, default: float) -> tuple[float, float]:
-    """Return a value and its deviation; NaN where a negative variance says "not measured"."""
+    """Return a value and its deviation, both NaN where it was not measured or is no number.
+
+    A negative variance says "not measured".
+    """
     deviation = deviation_of(variance, default)
-    return (math.nan, math.nan) if math.isnan(deviation) else (float(value), deviation)
+    if math.isfinite(value) and math.isfinite(deviation):
+        return float(value), deviation
+    return math.nan, math.nan
 
 
 def deviation_of(variance: float, default: float) -> float:

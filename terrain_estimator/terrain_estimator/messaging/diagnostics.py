@@ -136,6 +136,13 @@ RATE = Check(
 REFUSED = Check(
     "refused", "share of observations refused since the last report", "1", "", 0.0, 0.99
 )
+PLANAR = Check(
+    "planar",
+    "share of observations in turns and across slopes since the last report",
+    "1",
+    "nothing is learnt there; if the rover does neither, correct roll, yaw rate, lateral velocity",
+    0.0,
+)
 MODEL = Check(
     "model",
     "share of the last seconds of driving, at most 60, that the model left out; unknown before 10",
@@ -227,6 +234,7 @@ CHECKS = (
     LOSSES,
     RATE,
     REFUSED,
+    PLANAR,
     MODEL,
     FIT,
     NUMERICS,

@@ -24,6 +24,7 @@ from terrain_estimator.messaging.diagnostics import (
     MODEL,
     NUMERICS,
     OPTIONAL,
+    PLANAR,
     RATE,
     REFUSED,
     REQUIRED,
@@ -136,7 +137,8 @@ class HealthMonitor:
         """Count one update, which took ``latency_s`` of wall time."""
         self._last = update
         self._recent += self._settled.add(update)
-        self._refusals.add(update.decision)
+        if update.decision.outcome is not Outcome.NOT_PLANAR:  # that has a check of its own
+            self._refusals.add(update.decision)
         self._latencies.append(latency_s)
         self._condition_number = update.condition_number
         innovation = normalized_innovation(update)
@@ -238,6 +240,10 @@ class HealthMonitor:
     def _judge_updates(self) -> Iterator[CheckResult]:
         share = self._refusals.total() / self._recent.total() if self._recent else 0.0
         yield REFUSED.judge(share, text=f"refused: {self._refusals.words() or 'none'}")
+        turned = self._recent[Outcome.NOT_PLANAR]
+        yield PLANAR.judge(
+            turned / self._recent.total() if turned else 0.0, text=f"{turned} NOT_PLANAR"
+        )
         yield self._judge_model()
         yield self._judge_fit()
         yield NUMERICS.judge(

@@ -83,6 +83,7 @@ def test_roll_lateral_velocity_and_yaw_rate_arrive_beside_the_pitch(tmp_path: Pa
     assert first.twist.covariance[35] == pytest.approx(math.radians(0.3) ** 2)
     assert roll_left_up(second.pose.pose.orientation) == 0.0
     assert (second.twist.twist.linear.y, second.twist.twist.angular.z) == (0.0, 0.0)
+    assert (second.twist.covariance[7], second.twist.covariance[35]) == (-1.0, -1.0)
 
 
 def test_a_lateral_velocity_needs_its_noise(

@@ -294,6 +294,27 @@ def test_the_faster_of_rims_and_rover_counts() -> None:
     assert verdict(velocity=0.4, **slow).outcome is Outcome.ACCEPTED
 
 
+def test_the_axle_that_moves_most_counts() -> None:
+    """Half of the limit by each motion together, at the front axle or at the rear one."""
+    share = 0.6 * TURN * RIM
+    for side in (1.0, -1.0):
+        both = verdict(
+            lateral_velocity=share,
+            lateral_velocity_sd=0.0,
+            yaw_rate=side * share / max(MARS.axle_x),
+            yaw_rate_sd=0.0,
+        )
+        assert both.outcome is Outcome.NOT_PLANAR
+    assert verdict(yaw_rate=share / max(MARS.axle_x), yaw_rate_sd=0.0).outcome.used
+
+
+def test_an_encoder_that_went_mad_does_not_lift_the_limit() -> None:
+    turning = {"yaw_rate": 0.5, "yaw_rate_sd": 0.003}
+    assert verdict(**turning).outcome is Outcome.NOT_PLANAR
+    mad = on_axle("wheel_rate", 2, 1e6)
+    assert verdict(wheel_rate=mad, **turning).outcome is Outcome.NOT_PLANAR
+
+
 def test_no_limit_and_no_measurement_let_every_motion_pass() -> None:
     wild = {
         "roll": 1.0,
@@ -306,5 +327,6 @@ def test_no_limit_and_no_measurement_let_every_motion_pass() -> None:
     assert screen(observe(**wild), None, MARS, free).outcome is Outcome.ACCEPTED
     for name in ("roll", "lateral_velocity", "yaw_rate"):
         assert verdict(**{name: NAN}).outcome is Outcome.ACCEPTED
-        endless = {name: math.inf, "lateral_velocity_sd": 0.0, "yaw_rate_sd": 0.0}
-        assert verdict(**endless).outcome is Outcome.NOT_PLANAR
+    for deviation in (NAN, -1.0):
+        unknown = {"yaw_rate": 1.0, "yaw_rate_sd": deviation}
+        assert verdict(**unknown).outcome is Outcome.ACCEPTED

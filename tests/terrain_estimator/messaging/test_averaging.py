@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from studies.observations import observations_of
 from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
+from terrain_estimator.estimator.screening import screen
 from terrain_estimator.messaging.averaging import Averager, RateCounts, Treatment, averaged
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
@@ -211,6 +212,29 @@ def test_a_reading_that_noise_puts_out_of_range_belongs_to_the_mean() -> None:
         assert each.observation is not None
         np.testing.assert_allclose(each.observation.sinkage, 3e-4)
         np.testing.assert_allclose(each.observation.sinkage_sd, 3e-4 / np.sqrt(5))
+
+
+def test_a_turn_is_judged_by_the_mean_and_not_sorted_by_the_noise_of_readings() -> None:
+    """Of readings about twice the limit, those below it must not make a straight drive of it."""
+    [model], core = drive(10, 0.1), CoreConfig()
+    rim = float(model.wheel_rate.max()) * MARS.wheel_radius
+    limit = core.turn_limit * max(rim, model.velocity) / MARS.reach
+    generator, averager, result = np.random.default_rng(5), Averager(MARS, core), []
+    for step in range(1, 201):
+        reading = dataclasses.replace(
+            model,
+            stamp_ns=step * 10_000_000,
+            yaw_rate=float(2.0 * limit + limit * generator.standard_normal()),
+            yaw_rate_sd=limit,
+        )
+        result += averager.add(Conversion(reading.stamp_ns, reading))
+    means = [each.observation for each in result[1:] if each.observation]
+    assert len(means) == 20
+    refused = [screen(each, None, MARS, core).outcome is Outcome.NOT_PLANAR for each in means]
+    # twice the noise of a mean of ten is 0.63 limits, so that a mean misses by 1.2 deviations
+    assert sum(refused) > 12
+    shares = [each.yaw_rate / limit for each in means]
+    assert np.mean(shares) == pytest.approx(2.0, abs=0.25)  # 3.5 deviations of 200 readings
 
 
 @pytest.mark.parametrize(("rate_hz", "first"), [(10.0, 0.1), (50.0, 0.1), (200.0, 0.1)])

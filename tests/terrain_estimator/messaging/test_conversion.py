@@ -486,6 +486,20 @@ def test_the_imu_gives_the_yaw_rate_where_it_measures_rates() -> None:
     assert without.yaw_rate == 0.0
 
 
+@pytest.mark.parametrize("unusable", ["value", "variance"])
+def test_the_yaw_rate_is_odom_s_where_the_imu_s_is_unusable(unusable: str) -> None:
+    message = odom(OFFLINE)
+    message.twist.twist.angular.z = 0.5
+    message.twist.covariance = covariance(36, _0=1e-4, _35=1e-4)
+    broken = imu(
+        OFFLINE,
+        angular_velocity=vector(OFFLINE, z=math.nan if unusable == "value" else 0.1),
+        angular_velocity_covariance=covariance(9, _8=-1.0 if unusable == "variance" else 1e-4),
+    )
+    result = observed(convert(odom=message, imu=broken))
+    assert (result.yaw_rate, result.yaw_rate_sd) == (0.5, 0.01)
+
+
 def test_a_negative_variance_says_that_a_motion_is_not_measured() -> None:
     message = odom(OFFLINE)
     message.twist.covariance = covariance(36, _0=1e-4, _7=-1.0)

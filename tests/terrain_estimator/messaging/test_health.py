@@ -38,6 +38,7 @@ def after(*outcomes: Outcome, monitor: HealthMonitor | None = None) -> Health:
     [
         ([Outcome.ACCEPTED] * 10, Level.OK, "estimating"),
         ([Outcome.STANDSTILL] * 10, Level.OK, "standing still"),
+        ([Outcome.NOT_PLANAR] * 10, Level.WARN, "10 NOT_PLANAR (nothing is learnt there"),
         ([Outcome.ACCEPTED] * 9 + [Outcome.NOT_FINITE], Level.WARN, "1 NOT_FINITE"),
         ([Outcome.WRONG_WHEELS] * 10, Level.ERROR, "wheel names of the rover file"),
         ([Outcome.ACCEPTED] * 9 + [Outcome.NUMERICAL_FAILURE], Level.ERROR, "NUMERICAL_FAILURE"),

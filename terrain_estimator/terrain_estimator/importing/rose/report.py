@@ -51,10 +51,11 @@ def report(found: Found, options: RoseOptions) -> Iterator[str]:
             " and are left out"
         )
     turned = "left out" if options.straight_only else "kept (--straight-only leaves them out)"
+    refused = "the estimator refuses turns beyond its turn_limit"
     yield (
         f"the rover turns for {found.turning_s:.1f} of {STEP * len(found.motions):.1f} s (yaw rate"
-        f" above {options.turn_rate:g} rad/s): "
-        + (f"the estimator refuses them, they are {turned}" if found.turning_s else "nothing to do")
+        f" above {options.turn_rate:g} rad/s): {refused}"
+        + (f", they are {turned}" if found.turning_s else "")
     )
     absent = [
         name
