@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """What turns and cross slopes do to the estimator, which drives straight up and down.
 
-python -m studies.off_plane prints the table of docs/lateral.md. Drives of 40 s on loose sand, with
+python -m studies.off_plane prints the tables of docs/lateral.md. Drives of 40 s on loose sand, with
 the physics alone and soil constants as stated: whatever goes wrong comes from what is not planar.
 """
 
+import dataclasses
 import math
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -19,30 +20,30 @@ import torch
 from torch import Tensor
 
 from studies.command import study_parser
+from studies.observations import observations_of
+from studies.physics import physics_model
 from studies.tables import table
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.messaging.messages import Status, status_of
 from terrain_estimator.messaging.pipeline import usable_rows
 from terrain_estimator.model.loaded import LoadedModel
-from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 from terramechanics.presets import load_rover, load_soil
-from terramechanics.simulation.sample import TIME_STEP
-from terramechanics.simulation.sensors import Noise
+from terramechanics.simulation.sample import TIME_STEP, Sample
+from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.spatial import BodySample, BodySimulation, Plane
 from terramechanics.terrain.ground import Ground
 from terramechanics.vehicle.chassis import Chassis
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.steering import skid_command, steered_command
-from tests.terrain_estimator.kinds import exported
 
 Command = Callable[[Chassis, Tensor], tuple[Tensor, Tensor]]
-DRIVES, SAMPLES, SEED = 24, 400, 71000000
+DRIVES, SAMPLES, SEED = 24, 400, 71_000_000
 LATERAL_SD, YAW_RATE_SD = 0.005, 0.003
 """[m/s], [rad/s] of a sample; the default deviations of messages without a variance."""
-STEP_NS = 100_000_000
+SOIL = load_soil("loose_sand")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,79 +86,98 @@ def drives(
     varies by a third.
     """
     generator = torch.Generator().manual_seed(SEED)
-    noise = np.random.default_rng(SEED)
-    rover, soil = load_rover(kind.rover), load_soil("loose_sand")
+    rover = load_rover(kind.rover)
     chassis = Chassis.of(rover, kind.track, kind.yaw_inertia)
-    strength = Ground.random_strength(soil, DRIVES, generator).patches[0].strength
+    strength = Ground.random_strength(SOIL, DRIVES, generator).patches[0].strength
     simulation = BodySimulation(
         chassis,
-        soil.constants().expand(DRIVES, 6),
+        SOIL.constants().expand(DRIVES, 6),
         strength,
         Plane(0.0, math.tan(math.radians(lean))),
     )
     drawn = torch.rand(2, DRIVES, generator=generator, dtype=torch.float64)
     frequency, phase = 0.05 + 0.1 * drawn[0], 2.0 * math.pi * drawn[1]
-    found: list[list[Observation]] = [[] for _ in range(DRIVES)]
-    before = torch.zeros(DRIVES, dtype=torch.float64)
+    driven = []
     for step in range(samples):
         sine = torch.sin(2.0 * math.pi * frequency * TIME_STEP * (step + 1) + phase)
         speed = kind.speed * (1.0 + 0.3 * sine)
-        turn = torch.full_like(speed, yaw_rate)
+        twist = torch.stack([speed, torch.zeros_like(speed), torch.full_like(speed, yaw_rate)], -1)
         if lean:
             simulation.heading = torch.zeros_like(speed)
-        sample = simulation.step(
-            *kind.command(chassis, torch.stack([speed, 0.0 * speed, turn], -1))
-        )
-        if not bool(sample.solved.all()):
-            raise ArithmeticError(f"{kind.rover}: step {step} has no solution")
-        for each, fields in zip(found, _measured(rover, sample, before, noise), strict=True):
-            each.append(Observation((step + 1) * STEP_NS, *fields))  # type: ignore[arg-type]
-        before = sample.velocity[:, 0]
-    return found, strength.numpy()
+        driven.append(simulation.step(*kind.command(chassis, twist)))
+    if not bool(torch.stack([sample.solved for sample in driven]).all()):
+        raise ArithmeticError(f"{kind.rover}, {yaw_rate} rad/s, {lean} deg: a step has no solution")
+    return _observed(rover, driven, strength, generator), strength.numpy()
 
 
-def _measured(
-    rover: Rover, sample: BodySample, before: Tensor, noise: np.random.Generator
-) -> Iterator[tuple[Floats | float, ...]]:
-    """Yield for each drive the fields of an observation behind its stamp."""
-    sensors, wheels = Noise(), rover.wheels_per_axle
-    unit = 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
+def _observed(
+    rover: Rover, driven: Sequence[BodySample], strength: Tensor, generator: torch.Generator
+) -> list[list[Observation]]:
+    """Return the observations of each drive, with what tells that it is not planar."""
+    measured = measure_drive(rover, _planar(rover, driven, strength), Noise(), generator)
 
-    def axles(values: Tensor) -> Floats:
+    def seen(values: list[Tensor], deviation: float) -> Floats:
+        true = torch.stack(values, 1)
+        noise = torch.randn(true.shape, generator=generator, dtype=torch.float64)
+        return np.asarray(true + deviation * noise)
+
+    roll = seen([sample.roll for sample in driven], Noise().pitch)
+    lateral = seen([sample.velocity[:, 1] for sample in driven], LATERAL_SD)
+    turn = seen([sample.velocity[:, 2] for sample in driven], YAW_RATE_SD)
+    return [
+        [
+            dataclasses.replace(
+                observation,
+                roll=float(roll[drive, step]),
+                lateral_velocity=float(lateral[drive, step]),
+                lateral_velocity_sd=LATERAL_SD,
+                yaw_rate=float(turn[drive, step]),
+                yaw_rate_sd=YAW_RATE_SD,
+            )
+            for step, observation in enumerate(observations_of(measured, drive))
+        ]
+        for drive in range(DRIVES)
+    ]
+
+
+def _planar(rover: Rover, driven: Sequence[BodySample], strength: Tensor) -> Sample:
+    """Return a drive [drives, time, ...] as a planar rover has it: left and right are averaged."""
+
+    def stacked(name: str) -> Tensor:
+        return torch.stack([getattr(sample, name) for sample in driven], 1)
+
+    def axles(values: Tensor) -> Tensor:
         """Return the means of left and right; the left wheels come first."""
-        return np.asarray(values.reshape(-1, wheels, rover.axles).mean(-2))
+        return values.unflatten(-1, (rover.wheels_per_axle, rover.axles)).mean(-2)  # type: ignore[no-untyped-call]
 
-    def spread(values: Floats, relative: float, floor: float) -> Floats:
-        return np.asarray(np.hypot(relative * values, floor) / math.sqrt(wheels))
-
-    def seen(values: Floats, deviation: Floats | float) -> Floats:
-        return np.asarray(values + deviation * noise.standard_normal(values.shape))
-
-    slip, sinkage, torque = map(axles, (sample.slip, sample.sinkage, sample.torque))
-    slip_sd = spread(slip, sensors.slip_relative, sensors.slip)
-    sinkage_sd = spread(sinkage, sensors.sinkage_relative, rover.sinkage_noise_floor)
-    torque_sd = spread(torque, sensors.torque_relative, sensors.torque_of_load * unit)
-    angle_sd = np.full_like(slip, sensors.contact_angle)
-    velocity, lateral, turn = (each.numpy() for each in sample.velocity.unbind(-1))
-    specific = (sample.velocity[:, 0] - before) / TIME_STEP - sample.gravity[:, 0]
-    by_axle = (
-        (seen(slip, slip_sd), slip_sd),
-        (seen(sinkage, sinkage_sd), sinkage_sd),
-        (seen(np.zeros_like(slip), angle_sd), angle_sd),
-        (axles(sample.rim) / rover.wheel_radius,),
-        (seen(torque, torque_sd), torque_sd),
+    velocity, forces = stacked("velocity")[..., 0], stacked("forces")
+    before = torch.cat([torch.zeros_like(velocity[:, :1]), velocity[:, :-1]], 1)
+    slip, place = axles(stacked("slip")), stacked("position")[..., 0]
+    level, never = torch.zeros_like(velocity), torch.zeros_like(velocity, dtype=torch.bool)
+    normal, traction, ground_torque = (axles(forces[..., k]) for k in range(3))
+    return Sample(
+        time=stacked("time"),
+        position=place,
+        height=level,
+        velocity=velocity,
+        acceleration=(velocity - before) / TIME_STEP,
+        pitch=stacked("pitch"),
+        bogie_angle=level,
+        stuck=never,
+        standing=never,
+        slip=slip,
+        sinkage=axles(stacked("sinkage")),
+        contact=place.unsqueeze(-1).expand_as(slip),
+        contact_angle=torch.zeros_like(slip),
+        wheel_rate=axles(stacked("rim")) / rover.wheel_radius,
+        torque=axles(stacked("torque")),
+        normal=normal,
+        traction=traction,
+        ground_torque=ground_torque,
+        valid=torch.ones_like(slip, dtype=torch.bool),
+        constants=SOIL.constants().expand(*slip.shape, 6),
+        strength=strength[:, None, None, :].expand(*slip.shape, 2),
     )
-    by_body = (
-        (seen(velocity, sensors.velocity), sensors.velocity),
-        (seen(sample.pitch.numpy(), sensors.pitch), sensors.pitch),
-        (seen(specific.numpy(), sensors.acceleration), sensors.acceleration),
-        (np.zeros(DRIVES), seen(sample.roll.numpy(), sensors.pitch)),
-        (seen(lateral, LATERAL_SD), LATERAL_SD),
-        (seen(turn, YAW_RATE_SD), YAW_RATE_SD),
-    )
-    columns = [each for group in (*by_axle, *by_body) for each in group]
-    for drive in range(DRIVES):
-        yield tuple(each if isinstance(each, float) else each[drive] for each in columns)
 
 
 def judge(
@@ -190,49 +210,44 @@ def judge(
     )
 
 
-def lines() -> Iterator[tuple[str, ...]]:
-    """Yield the lines of the table, one for each motion of each rover."""
+HEAD = (
+    "motion",
+    "sideways",
+    "error of c / tan phi",
+    "wrong of IDENTIFIED",
+    "refused",
+    "wrong of IDENTIFIED, with limits",
+    "holds both, with limits",
+)
+
+
+def lines(kind: Kind) -> Iterator[tuple[str, ...]]:
+    """Yield the lines of a rover's table, one for each motion."""
     free = CoreConfig(roll_limit=0.0, turn_limit=0.0)
-    for kind in KINDS:
-        with tempfile.TemporaryDirectory() as folder:
-            model = load_model(str(exported(load_rover(kind.rover), Path(folder))))
-        motions = [(0.0, 0.0), *((each, 0.0) for each in kind.yaw_rates)]
-        motions += [(0.0, lean) for lean in LEANS]
-        for yaw_rate, lean in motions:
-            found, strength = drives(kind, yaw_rate, lean)
-            loose, held = (judge(model, found, strength, core) for core in (free, CoreConfig()))
-            yield (
-                kind.rover,
-                f"{yaw_rate:g}",
-                f"{lean:g}",
-                f"{loose.sideways:.3f}",
-                f"{100.0 * loose.error[0]:+.0f} / {100.0 * loose.error[1]:+.0f}",
-                f"{loose.inside}",
-                f"{loose.wrong} of {loose.identified}",
-                f"{100.0 * held.refused:.0f}",
-                f"{held.inside}",
-                f"{held.wrong} of {held.identified}",
-            )
+    with tempfile.TemporaryDirectory() as folder:
+        model = physics_model(load_rover(kind.rover), SOIL, Path(folder) / "model.pt")
+    motions = [("straight, level", 0.0, 0.0)]
+    motions += [(f"{each:g} rad/s commanded", each, 0.0) for each in kind.yaw_rates]
+    motions += [(f"across {lean:g}°", 0.0, lean) for lean in LEANS]
+    for words, yaw_rate, lean in motions:
+        found, strength = drives(kind, yaw_rate, lean)
+        loose, held = (judge(model, found, strength, core) for core in (free, CoreConfig()))
+        yield (
+            words,
+            f"{loose.sideways:.2f}",
+            f"{100.0 * loose.error[0]:+.0f} / {100.0 * loose.error[1]:+.0f} %",
+            f"{loose.wrong} of {loose.identified}",
+            f"{100.0 * held.refused:.0f} %",
+            f"{held.wrong} of {held.identified}",
+            f"{held.inside} of {DRIVES}",
+        )
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Print the table of docs/lateral.md."""
+    """Print the tables of docs/lateral.md."""
     study_parser("off_plane", main.__doc__).parse_args(argv)
-    head = (
-        "rover",
-        "yaw rate",
-        "lean",
-        "sideways",
-        "error of c / tan phi",
-        "inside",
-        "wrong",
-        "refused",
-        "inside, with limits",
-        "wrong, with limits",
-    )
-    sys.stdout.write(table(head, []))
-    for line in lines():
-        sys.stdout.write(table(line, []).splitlines()[0] + "\n")
+    for kind in KINDS:
+        sys.stdout.write(f"{kind.rover}:\n\n{table(HEAD, lines(kind))}\n")
         sys.stdout.flush()
     return 0
 

@@ -10,12 +10,8 @@ two laws is their form.
 
 from pathlib import Path
 
-import torch
-
-from terrain_estimator.learning.export import export
-from terrain_estimator.learning.restore import physics_alone
+from studies.physics import physics_model
 from terrain_estimator.model.loaded import LoadedModel
-from terrain_estimator.model.metadata import Training
 from terrain_estimator.model.model_file import load_model
 from terramechanics.presets import load_rover
 from terramechanics.terrain.soil import Soil
@@ -40,7 +36,4 @@ def judged_model(name: str, folder: Path) -> LoadedModel:
     """Return one of MODELS; the control is written to ``folder`` first."""
     if name == SHIPPED:
         return load_model("mars_rover")
-    path, rover = folder / "scm_control.pt", load_rover("mars_rover")
-    training = Training(0, 0, 0.0, torch.__version__)
-    export(physics_alone(rover, SCM_SAND, exact=False), rover, [SCM_SAND], training, path)
-    return load_model(str(path))
+    return physics_model(load_rover("mars_rover"), SCM_SAND, folder / "scm_control.pt")

@@ -66,7 +66,7 @@ def screen(
         or _refuse_standstill(observation, rims, config.standstill_speed)
         or _refuse_scalars(observation)
         or _refuse_reverse(observation, rims, config.standstill_speed)
-        or _refuse_turn(observation, rims, rover, config)
+        or _refuse_off_plane(observation, rims, rover, config)
     )
     if refusal is not None:
         return Screening(refusal[0], observation, refusal[1])
@@ -155,7 +155,7 @@ def _refuse_reverse(observation: Observation, rims: list[float], threshold: floa
     )
 
 
-def _refuse_turn(
+def _refuse_off_plane(
     observation: Observation, rims: list[float], rover: Rover, config: CoreConfig
 ) -> _Refusal:
     """Refuse a rover that leans to a side, moves sideways or turns: the model is planar.
