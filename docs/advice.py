@@ -37,6 +37,9 @@ WHEN = {
             "if the ground changes slowly along the way; it costs accuracy everywhere else"
         ),
         "standstill_speed": _STILL,
+        "balance_sinkage": (
+            "to false if an observation without a measured sinkage should be refused"
+        ),
         "roll_limit": (
             "to 0 if the roll is not calibrated; a larger one only where a study of your rover"
             " allows it"

@@ -287,11 +287,13 @@ def _solve_active(
         members = soils == soil
         chosen = torch.nonzero(members.any(1)).squeeze(1)
         if chosen.numel() > 0:
-            averaged = each.of(chosen)
-            degrees[chosen] = averaged.present.sum(-1) - 1.0
-            pieces.append(
-                _scatter(_solve_members(model, state, members, chosen, averaged), chosen, drives)
-            )
+            solved = _solve_members(model, state, members, chosen, each.of(chosen))
+            for _ in range(each.reevaluations):
+                if not each.moved(chosen, solved.solution.posterior):
+                    break
+                solved = _solve_members(model, state, members, chosen, each.of(chosen))
+            degrees[chosen] = each.of(chosen).present.sum(-1) - 1.0
+            pieces.append(_scatter(solved, chosen, drives))
     return functools.reduce(torch.vmap(join), pieces), degrees
 
 
@@ -359,6 +361,22 @@ class _BlocksOnSoil:
             self._known[missing] = True
         assert self._rows is not None
         return BlockRows(*(field[chosen] for field in self._rows))
+
+    @property
+    def reevaluations(self) -> int:
+        """Return how often at most rows are evaluated anew."""
+        return self._model.physics.reevaluations(self._packed.flatten(0, 1))
+
+    def moved(self, chosen: Tensor, after: Posterior) -> bool:
+        """Let the rows of the ``chosen`` drives that moved be evaluated anew; return if any did.
+
+        ``after`` is what these drives know after the block.
+        """
+        expansion = torch.vmap(self._model.expansion_after)(after)
+        moved = torch.vmap(self._model.physics.has_moved)(self._expansion[chosen], expansion)
+        self._expansion[chosen[moved]] = expansion[moved]
+        self._known[chosen[moved]] = False
+        return bool(moved.any())
 
     def _average(self, chosen: Tensor) -> SoilRows:
         packed, expansion = self._packed[chosen], self._expansion[chosen]

@@ -117,7 +117,7 @@ def _information_of_all(model: PAlpaca, tasks: Tasks, known: Known, sets: Tensor
         )
         alike = (
             (rows.features[0], rows.noise[0], rows.target, rows.variance),
-            (columns, packed[here], theta[here]),
+            (rows.taken, columns, packed[here], theta[here]),
         )
         each = torch.vmap(lambda *fields: _information(model, fields))
         pieces.append(torch.stack([each(*alike[0], rows.used * mask, *alike[1]) for mask in sets]))

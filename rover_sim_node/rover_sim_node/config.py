@@ -93,6 +93,9 @@ class SimulatorConfig:
     noise: float = number(
         "factor on the sensors' standard deviations; 0: exact values", "1", 0.0, 100.0, default=1.0
     )
+    sinkage_sensor: bool = entry(
+        "measure sinkages; false: publish NaN, as a rover without such a sensor", default=True
+    )
     seed: int = number(
         "seed of everything random: the same seed gives the same run", "1", 0, 2**31 - 1, default=0
     )

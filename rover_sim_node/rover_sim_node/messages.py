@@ -66,7 +66,7 @@ def step_messages(
     track = Header(stamp=time_message(stamp_ns), frame_id=config.odom_frame)
     return {
         "wheel_slip": _slip(reading, body, sequence),
-        "wheel_sinkage": _sinkage(reading, body, sequence),
+        "wheel_sinkage": _sinkage(reading, body, sequence, sensor=config.sinkage_sensor),
         "odom": _odometry(reading, track, config.body_frame),
         "joint_states": _joint_states(reading, body),
         "imu": _imu(reading, body),
@@ -109,14 +109,16 @@ def _slip(reading: SimulatedReading, header: Header, sequence: int) -> WheelSlip
     )
 
 
-def _sinkage(reading: SimulatedReading, header: Header, sequence: int) -> WheelSinkage:
-    measured = reading.measured
+def _sinkage(
+    reading: SimulatedReading, header: Header, sequence: int, *, sensor: bool
+) -> WheelSinkage:
+    measured, nothing = reading.measured, [math.nan] * len(reading.rover.wheel_names)
     return WheelSinkage(
         header=header,
         sequence=sequence,
         wheel=list(reading.rover.wheel_names),
-        sinkage=_doubles(measured.sinkage),
-        sinkage_stddev=_doubles(measured.sinkage_sd),
+        sinkage=_doubles(measured.sinkage) if sensor else nothing,
+        sinkage_stddev=_doubles(measured.sinkage_sd) if sensor else nothing,
         contact_angle=_doubles(measured.contact_angle),
         contact_angle_stddev=_doubles(measured.contact_angle_sd),
     )

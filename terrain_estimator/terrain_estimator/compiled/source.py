@@ -107,7 +107,8 @@ def watched_drive(metadata: Metadata) -> Tensor:
 def recorded_drive(metadata: Metadata) -> Tensor:
     """Return packed observations [n, P] of a drive of the model's rover on its first soil.
 
-    In it a link is missing, a wheel's slip, and an acceleration.
+    In it a link is missing, a wheel's slip, an acceleration, and for a second the sinkages, where
+    the model can do without them.
     """
     packed = _packed_drive(metadata, RECORDED_S)
     packed = torch.cat([packed[:25], without_link(packed[25:26]), packed[26:]])
@@ -115,6 +116,8 @@ def recorded_drive(metadata: Metadata) -> Tensor:
     slip[45, 0] = torch.nan
     packed = with_slip(packed, slip)
     view_of(packed, metadata.rover.axles).acceleration[52] = torch.nan
+    if metadata.balances_sinkage:
+        view_of(packed, metadata.rover.axles).sinkage[55:65] = torch.nan
     return packed
 
 

@@ -97,6 +97,11 @@ class CoreConfig:
         default=0.95,
     )
 
+    balance_sinkage: bool = entry(
+        "where an axle's sinkage is missing, take those of all axles from the rover's balances;"
+        " needs torques, contact angles, the bogie's angle, and a model without named effects",
+        default=True,
+    )
     roll_limit: float = number(
         "observations in which the rover leans further to a side are refused, since the model does"
         " not; 0: no limit",

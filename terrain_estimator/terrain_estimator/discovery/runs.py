@@ -77,6 +77,7 @@ def run_of(
     Raises:
         RunError: none of them can be used, and why.
     """
+    config = replace(config, balance_sinkage=False)  # the search needs each sinkage
     last: Observation | None = None
     packed: list[Floats] = []
     rates: list[Floats] = []

@@ -61,7 +61,8 @@ class Estimator:
         self._rows = model.rows
         self._moments = tuple(row for row in model.rows if "moment" in row)
         self._effects = model.effects
-        self._config = config
+        balances = config.balance_sinkage and model.balances_sinkage
+        self._config = dataclasses.replace(config, balance_sinkage=balances)
         self._step_s, self._block = model.metadata.step_s, model.metadata.block
         self._beliefs = Beliefs.of(model.metadata, config)
         self._gate = limit(config.gate_probability, 1)
@@ -353,10 +354,12 @@ class Estimator:
     ) -> Decision:
         distance, observation = report.distance, screening.observation
         # less what turns the wheel, which is unknown without its rate
+        balances = ("load", *self._moments) if math.isfinite(observation.bogie_angle) else ("load",)
         rows = _rows(
             tuple(map(math.isfinite, torque)),
             math.isfinite(observation.acceleration),
-            self._moments if math.isfinite(observation.bogie_angle) else (),
+            # without sinkages all balances are spent on these
+            () if math.isnan(observation.sinkage[0]) else balances,
         )
         threshold = self._gate if math.isfinite(self._gate) else _NAN  # no gate applies
         return Decision(
@@ -448,13 +451,13 @@ class Estimator:
 def _rows(
     torques: tuple[bool, ...],
     acceleration: bool,  # noqa: FBT001 (of a cached function)
-    moments: tuple[str, ...],
+    balances: tuple[str, ...],
 ) -> tuple[str, ...]:
-    """Return the rows of an observation by what it measured, ``moments`` where they are known."""
-    rows = ["velocity", "load"]
+    """Return the rows of an observation by what it measured, and the ``balances`` that are left."""
+    rows = ["velocity", *balances[:1]]
     rows += [f"torque_{axle}" for axle, known in enumerate(torques) if known]
     rows += ["acceleration"] if acceleration else []
-    return (*rows, *moments)
+    return (*rows, *balances[1:])
 
 
 def _condition(covariance: Floats) -> float:

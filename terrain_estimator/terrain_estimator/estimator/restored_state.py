@@ -25,9 +25,10 @@ from terrain_estimator.estimator.forecasting import (
     Hindsight,
 )
 from terrain_estimator.estimator.intake import WINDOW, Intake
+from terrain_estimator.estimator.off_plane import FASTEST
 from terrain_estimator.estimator.persistence import MEMORY, Persistence
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
-from terrain_estimator.estimator.screening import FASTEST, STRONGEST_TORQUE, impossible
+from terrain_estimator.estimator.screening import STRONGEST_TORQUE, impossible
 from terrain_estimator.model.packed_observation import LONGEST_GAP, unpacked
 from terrain_estimator.observation import AXLE_FIELDS, Floats, Observation
 

@@ -3,8 +3,9 @@
 """The screening of an observation before any of its numbers enters the posterior.
 
 An optional sensor that cannot be used is masked (NaN) and the rest is used; what is refused keeps
-its reason. An axle without slip, sinkage or contact angle costs the whole observation: without it
-nobody knows the load that each of the others carries, and torques alone do not tell the ground.
+its reason. An axle without slip or contact angle costs the whole observation: without it nobody
+knows the load that each of the others carries, and torques alone do not tell the ground. Where a
+sinkage is missing, the balances may tell those of all axles, with torques for what the ground is.
 Only what the model cannot take is refused: a threshold inside the model's range, applied to a noisy
 value, would bias what is left. So a sinkage that noise makes slightly negative is no sensor error.
 """
@@ -17,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.estimator.off_plane import FASTEST, Refusal, refuse_off_plane
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 from terramechanics.vehicle.rover import Rover
@@ -25,7 +27,6 @@ NOISE_BOUND = 4.0
 """[standard deviations] Reach of noise; a value further outside its range is a sensor error."""
 
 # Beyond these limits a sensor is broken or a unit is wrong.
-FASTEST = 100.0  # [m/s] of rover and rim
 STRONGEST_TORQUE = 1e6  # [N m]
 STRONGEST_ACCELERATION = 1e3  # [m/s^2]
 DEVIATIONS = (1e-9, 1e9)  # [SI] outside no square and no ratio of variances is safe from overflow
@@ -33,12 +34,6 @@ _PERCENTAGE = 2.0  # [1] a slip beyond it, either way, is hardly a ratio
 _OTHER_UNIT = 3.0  # [wheel radii] a sinkage beyond it is hardly in metres
 _STEEPEST_GROUND = math.pi / 2.0  # [rad]
 _STEEPEST_BOGIE = 1.2  # [rad] no bogie turns further: an encoder in degrees, or without its zero
-_TURN_BOUND = 2.0
-"""[standard deviations] Noise allowed to what is perhaps a turn.
-
-It says nothing of c and tan phi: a refusal in vain costs a twentieth of the data and no bias, a
-turn that passes biases them.
-"""
 _STANDSTILL_BOUND = (
     3.0  # [standard deviations] noise allowed to the velocity of a rover that stands
 )
@@ -66,7 +61,7 @@ def screen(
         or _refuse_standstill(observation, rims, config.standstill_speed)
         or _refuse_scalars(observation)
         or _refuse_reverse(observation, rims, config.standstill_speed)
-        or _refuse_off_plane(observation, rims, rover, config)
+        or refuse_off_plane(observation, rims, rover, config)
     )
     if refusal is not None:
         return Screening(refusal[0], observation, refusal[1])
@@ -83,15 +78,12 @@ def impossible(observation: Observation, wheel_radius_m: float) -> str:
     return "" if screening.outcome is Outcome.ACCEPTED else screening.detail
 
 
-_Refusal = tuple[Outcome, str] | None
-
-
 def _rims(observation: Observation, radius: float) -> list[float]:
     """Return the speeds [m/s] of the rims whose rates are known."""
     return [rate * radius for rate in observation.wheel_rate.tolist() if not math.isnan(rate)]
 
 
-def _refuse_time(stamp_ns: int, previous_stamp_ns: int | None) -> _Refusal:
+def _refuse_time(stamp_ns: int, previous_stamp_ns: int | None) -> Refusal:
     if previous_stamp_ns is None or stamp_ns > previous_stamp_ns:
         return None
     if stamp_ns == previous_stamp_ns:
@@ -105,7 +97,7 @@ def _refuse_time(stamp_ns: int, previous_stamp_ns: int | None) -> _Refusal:
     )
 
 
-def _refuse_standstill(observation: Observation, rims: list[float], threshold: float) -> _Refusal:
+def _refuse_standstill(observation: Observation, rims: list[float], threshold: float) -> Refusal:
     """Refuse a rover that stands.
 
     The wheels' rims decide, which are exact; the velocity only where no wheel rate is measured. A
@@ -143,7 +135,7 @@ def _backwards(observation: Observation, rims: list[float], threshold: float) ->
     return observation.velocity < -(threshold + _STANDSTILL_BOUND * observation.velocity_sd)
 
 
-def _refuse_reverse(observation: Observation, rims: list[float], threshold: float) -> _Refusal:
+def _refuse_reverse(observation: Observation, rims: list[float], threshold: float) -> Refusal:
     if not _backwards(observation, rims, threshold):
         return None
     return (
@@ -155,45 +147,7 @@ def _refuse_reverse(observation: Observation, rims: list[float], threshold: floa
     )
 
 
-def _refuse_off_plane(
-    observation: Observation, rims: list[float], rover: Rover, config: CoreConfig
-) -> _Refusal:
-    """Refuse a rover that leans to a side, moves sideways or turns: the model is planar.
-
-    Wheels share their shear between along and across, and left and right carry different loads.
-    What that does to c and tan phi, and so where the limits are, is in docs/lateral.md. Noise may
-    explain a motion, but not a lean: its noise is far below the limit. What is not measured counts
-    as zero.
-    """
-    lean = abs(observation.roll)
-    if config.roll_limit and lean > config.roll_limit:
-        degrees = f"{math.degrees(lean):.1f} deg to a side"
-        limit = f"beyond roll_limit ({math.degrees(config.roll_limit):.1f} deg)"
-        return Outcome.NOT_PLANAR, f"the rover leans {degrees}, {limit}"
-    if not config.turn_limit:
-        return None
-    left, left_sd = _known(observation.lateral_velocity, observation.lateral_velocity_sd)
-    turn, turn_sd = _known(observation.yaw_rate, observation.yaw_rate_sd)
-    sideways = max(abs(left + x * turn) for x in rover.axle_x)
-    noise = _TURN_BOUND * math.hypot(left_sd, rover.reach * turn_sd)
-    # a rate that no wheel has is masked later
-    speed = max([0.0, observation.velocity, *(rim for rim in rims if abs(rim) <= FASTEST)])
-    if sideways - noise <= config.turn_limit * speed:
-        return None
-    motion = f"lateral velocity {left:.3g} m/s and yaw rate {turn:.3g} rad/s"
-    limit = f"turn_limit ({config.turn_limit:g} of {speed:.3g} m/s) and noise ({noise:.3g} m/s)"
-    return (
-        Outcome.NOT_PLANAR,
-        f"{motion} move an axle sideways by {sideways:.3g} m/s, beyond {limit}",
-    )
-
-
-def _known(value: float, deviation: float) -> tuple[float, float]:
-    """Return a value and its deviation; zeros where it is not measured."""
-    return (value, deviation) if math.isfinite(value) and deviation >= 0.0 else (0.0, 0.0)
-
-
-def _refuse_scalars(observation: Observation) -> _Refusal:
+def _refuse_scalars(observation: Observation) -> Refusal:
     least, most = DEVIATIONS
     if (
         abs(observation.velocity) <= FASTEST
@@ -234,20 +188,42 @@ def _mask(
             for axle, wheel in enumerate(_wheels(observation))
             if (fault := _wheel_fault(wheel, radius, config))
         ]
-        return Screening(
-            _worst(fault[0] for _, fault in faults),
-            observation,
-            "; ".join(f"axle {axle}: {fault[1]}" for axle, fault in faults),
-        )
+        if faults:
+            return Screening(
+                _worst(fault[0] for _, fault in faults),
+                observation,
+                "; ".join(f"axle {axle}: {fault[1]}" for axle, fault in faults),
+            )
     changes: dict[str, Floats | float] = {}
     details = [
         *_mask_rates(observation, rims, radius, changes),
         *_mask_optional(observation, changes),
     ]
-    if not details:
-        return Screening(Outcome.ACCEPTED, observation)
-    masked = dataclasses.replace(observation, **changes)  # type: ignore[arg-type]
-    return Screening(Outcome.ACCEPTED_PARTIALLY, masked, "; ".join(details))
+    missing = [axle for axle, each in enumerate(observation.sinkage.tolist()) if math.isnan(each)]
+    if 0 < len(missing) < len(observation.sinkage):
+        changes["sinkage"] = np.full_like(observation.sinkage, math.nan)
+        axles = ", ".join(map(str, missing))
+        details.append(f"sinkage of axle {axles} is nan: the balances tell those of all axles")
+    masked = observation
+    if details:
+        masked = dataclasses.replace(observation, **changes)  # type: ignore[arg-type]
+    if missing and (lacking := _lacking_for_balances(masked)):
+        detail = "; ".join(f"axle {axle}: sinkage is nan" for axle in missing)
+        detail += f"; to do without it, measure {lacking}"
+        return Screening(Outcome.NOT_FINITE, observation, detail)
+    outcome = Outcome.ACCEPTED_PARTIALLY if details else Outcome.ACCEPTED
+    return Screening(outcome, masked, "; ".join(details))
+
+
+def _lacking_for_balances(observation: Observation) -> str:
+    """Return what is not measured but needed where a sinkage is missing; empty where nothing is.
+
+    The balances are spent on the sinkages, those of a bogie need its angle. One velocity tells
+    little of two parameters, so the torques have to be there.
+    """
+    if math.isnan(observation.bogie_angle):
+        return "the bogie's angle"
+    return "each axle's torque" if np.isnan(observation.torque).any() else ""
 
 
 def _wheels(observation: Observation) -> Iterable[tuple[float, ...]]:
@@ -283,6 +259,8 @@ def _wheel_fault(
 ) -> tuple[Outcome, str] | None:
     """Return the reason why one wheel cannot be used; None where it can."""
     slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd = wheel
+    if config.balance_sinkage and math.isnan(sinkage):
+        sinkage, sinkage_sd = 0.01 * radius, radius  # of no consequence: the balances tell it
     if not (math.isfinite(slip) and math.isfinite(sinkage) and math.isfinite(angle)):
         name, value = _first(lambda each: not math.isfinite(each), slip, sinkage, angle)
         return Outcome.NOT_FINITE, f"{name} is {value}"

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from terrain_estimator.model.gaussian import cholesky, log_determinant, symmetrize
 from terrain_estimator.model.row_names import row_names
-from terrain_estimator.model.rows import Rows
+from terrain_estimator.model.rows import Rows, balances_of
 
 
 class Posterior(NamedTuple):
@@ -121,10 +121,14 @@ def block_rows(
         .permute(3, 0, 1, 2, 4)
         .flatten(1)
     )
+    own = fixed * present.unsqueeze(-1)
+    if rows.taken.shape[2] > 0:
+        multiples = (velocity_twice(rows.taken, 1) * wide).sum(0)  # [Q, K]
+        own = own - multiples @ balances_of(fixed.narrow(0, 1, q - 1), 0, rows.taken.shape[2])
     constants = torch.zeros(q, expansion.shape[0], dtype=step.dtype)
     by_strength, offset = features[0].split_with_sizes([2, 1], 1)
     return BlockRows(
-        linear=torch.cat([by_strength, learnt, constants, fixed * present.unsqueeze(-1)], 1),
+        linear=torch.cat([by_strength, learnt, constants, own], 1),
         offset=offset.squeeze(1),
         nuisance=features[1:].permute(2, 1, 0).flatten(1),
         expansion=expansion,

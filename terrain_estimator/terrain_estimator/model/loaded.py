@@ -46,6 +46,11 @@ class LoadedModel:
         return self.metadata.effects
 
     @property
+    def balances_sinkage(self) -> bool:
+        """Whether the model can take sinkages that no sensor measures from the balances."""
+        return self.metadata.balances_sinkage
+
+    @property
     def rows(self) -> tuple[str, ...]:
         """All regression rows that the model can use."""
         return self.metadata.rows

@@ -98,6 +98,11 @@ class Metadata:
         """Prior standard deviations of c [Pa] and tan phi."""
         return self.prior.cohesion_sd_pa, self.prior.tan_phi_sd
 
+    @property
+    def balances_sinkage(self) -> bool:
+        """Whether the model can take sinkages that no sensor measures from the balances."""
+        return not self.effects and all(soil.law == WONG_REECE for soil in self.soils)
+
 
 def model_names() -> tuple[str, ...]:
     """Return the names of the models that come with the package."""

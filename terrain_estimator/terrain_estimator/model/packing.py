@@ -109,6 +109,11 @@ def with_sinkage(packed: Tensor, sinkage: Tensor) -> Tensor:
     return replaced(packed, 2 * sinkage.shape[-1], sinkage)
 
 
+def with_sinkage_and_sd(packed: Tensor, sinkage: Tensor, sinkage_sd: Tensor) -> Tensor:
+    """Return packed observations [..., P] with another sinkage and its deviation, [..., W] each."""
+    return replaced(packed, 2 * sinkage.shape[-1], torch.cat([sinkage, sinkage_sd], -1))
+
+
 def with_contact_angle(packed: Tensor, angle: Tensor) -> Tensor:
     """Return packed observations [..., P] with another contact ``angle`` [..., W] [rad]."""
     return replaced(packed, 4 * angle.shape[-1], angle)

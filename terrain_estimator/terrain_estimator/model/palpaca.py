@@ -222,11 +222,15 @@ class PAlpaca(nn.Module):
     def motion(self, state: dict[str, Tensor], view: PackedView) -> Motion:
         """Return the motion at one observation, as the posterior predicts it."""
         layout = self.layout
+        learnt = self.net.distinct(
+            view.slip, view.sinkage, view.contact_angle, view.pitch.unsqueeze(0)
+        )[0]
+        view = self.physics.balanced(
+            view, state["constants"], state["varied"], state["expected"][:2]
+        )
         deviations = state["expected"][layout.first_constant : layout.first_fixed]
         row = self.physics.drive_row(view, state["constants"], state["varied"], deviations)
-        pitch = view.pitch.unsqueeze(0)
-        learnt = self.net.distinct(view.slip, view.sinkage, view.contact_angle, pitch)[0]
-        return self.velocity.predict(state, row, learnt, view.pitch, view.step)
+        return self.velocity.predict(state, row, without_nan(learnt), view.pitch, view.step)
 
     def track(self, state: dict[str, Tensor], view: PackedView) -> dict[str, Tensor]:
         """Return the state after a Kalman step of the velocity with one observation."""
@@ -242,9 +246,11 @@ class PAlpaca(nn.Module):
         return without_link(with_slip(view.packed, slip))
 
     def learnt(self, packed: Tensor) -> Tensor:
-        """Return the net columns [n, R, net] of packed observations [n, P]."""
+        """Return the net columns [n, R, net] of packed observations [n, P]; 0 without a sinkage."""
         view = view_of(packed, self.axles)
-        return self.net(view.slip, view.sinkage, view.contact_angle, view.pitch.unsqueeze(1))
+        return without_nan(
+            self.net(view.slip, view.sinkage, view.contact_angle, view.pitch.unsqueeze(1))
+        )
 
     def average(self, packed: Tensor, soil: int, expansion: Tensor, chosen: Tensor) -> SoilRows:
         """Return the rows of a block [n, P] on a soil, see Physics."""
@@ -329,15 +335,17 @@ class PAlpaca(nn.Module):
     ) -> tuple[Solution, SoilRows]:
         """Return the posteriors ``before`` a block after it, and the block's rows on their soil.
 
-        Where the block moves a named effect far, the rows are evaluated anew at its new value.
+        Where the block moves a named effect far, or the ground while a sinkage is missing, the rows
+        are evaluated anew at the new values.
         """
         averaged = self.physics.average(packed, learnt, soil, expansion, self.every_row)
         solution = solve_block(before, averaged.rows, self.longest_step)
-        for _ in range(self.physics.reevaluations):
+        for _ in range(self.physics.reevaluations(packed)):
             after = self.expansion_after(solution.posterior)
-            if not self.physics.has_moved(averaged.rows.expansion, after[2:]):
+            if not bool(self.physics.has_moved(expansion, after)):
                 break
-            averaged = self.physics.average(packed, learnt, soil, after, self.every_row)
+            expansion = after
+            averaged = self.physics.average(packed, learnt, soil, expansion, self.every_row)
             solution = solve_block(before, averaged.rows, self.longest_step)
         return solution, averaged
 
@@ -368,6 +376,11 @@ class PAlpaca(nn.Module):
             solution = solve_block(start, soil_rows[soil].rows, self.longest_step)
             solved = join(solved, restarted(solution, soil))
         return solved, soil_rows
+
+
+def without_nan(columns: Tensor) -> Tensor:
+    """Return learnt ``columns`` with 0 where an input of the net is missing."""
+    return torch.where(torch.isnan(columns), 0.0, columns)
 
 
 def without_inactive(bank: Bank) -> Bank:

@@ -15,13 +15,20 @@ from terrain_estimator.model.rows import (
     PA_PER_UNIT,
     ContactModel,
     Rows,
+    balances_of,
     drive_row,
     frame_of,
     rows_at,
     values_alone,
 )
 from terrain_estimator.model.stencil import Stencil, stencil
+from terrain_estimator.model.unmeasured import (
+    lacks_sinkage,
+    with_balanced_sinkage,
+    without_sinkage,
+)
 from terramechanics.contact.stresses import in_range, quadrature
+from terramechanics.numerics.batching import any_of
 from terramechanics.terrain.soil import CONSTANTS
 from terramechanics.vehicle.suspension import Geometry
 
@@ -30,6 +37,10 @@ UNCERTAIN = ("n", "k_phi", "shear_modulus", "c1", "c2")
 
 k_c acts through the stiffness k_c / b + k_phi alone, so k_phi carries both.
 """
+REEVALUATIONS = 3
+"""Times that the rows of a block without sinkages are evaluated anew at most."""
+NEAR = (0.05, 0.01)
+"""[kPa, 1] Move of c and tan phi that needs no other rows."""
 GEOMETRY = ("axle_x", "centre", "pivot", "carried")
 """Names of the tensors of a model that the rover file gives."""
 
@@ -94,9 +105,9 @@ class Physics(nn.Module):
         super().__init__()
         self.axles, self.gravity = body.axles, body.gravity
         self.radius, self.width = body.radius_m, body.width_m
+        self.most_reevaluations, self.near = REEVALUATIONS, NEAR
         self.moment_variance, self.link_variance = MOMENT_VARIANCE, LINK_VARIANCE
         self.known_soils, self.effect_values = constants.shape[0], 0
-        self.reevaluations = 0  # of the rows of a block at its own posterior
         uncertain = uncertain_constants(constants, constants_sd, body.width_m)
         self.uncertain_constants = uncertain.shape[1]
         # Buffers, not literals in the methods: TorchScript rounds the numbers of
@@ -159,20 +170,42 @@ class Physics(nn.Module):
         constants = chosen @ self.constants + (chosen @ deviations) @ uncertain
         return constants, (by_soil * self.varied).sum(0)
 
+    def supposed(self, sinkage: Tensor) -> Tensor:
+        """Return ``sinkage`` [..., W] [m] with a harmless one where it is missing."""
+        return torch.where(torch.isnan(sinkage), 0.01 * self.radius, sinkage)
+
     def in_every_range(self, slip: Tensor, sinkage: Tensor) -> Tensor:
         """Return which wheels [n, W] are in the range of every soil with its nominal constants."""
-        return in_range(slip, sinkage, self.constants.view(-1, 1, 1, 6), self.radius).all(0)
+        constants, sinkage = self.constants.view(-1, 1, 1, 6), self.supposed(sinkage)
+        return in_range(slip, sinkage, constants, self.radius).all(0)
 
     def usable(self, view: PackedView, leading: Tensor) -> Tensor:
         """Return which wheels [W] of one observation are measured and in range.
 
-        That is the range of every soil, and of the ``leading`` constants [6].
+        That is the range of every soil, and of the ``leading`` constants [6]. A sinkage may be
+        missing.
         """
         constants = leading.view(1, 1, 6)
         if self.known_soils > 1:
             constants = torch.cat([constants, self.constants.unsqueeze(1)])
-        possible = in_range(view.slip, view.sinkage, constants, self.radius).all(0)
+        sinkage = self.supposed(view.sinkage)
+        possible = in_range(view.slip, sinkage, constants, self.radius).all(0)
         return possible & (view.contact_angle.abs() < float("inf"))
+
+    def balanced(
+        self, view: PackedView, constants: Tensor, varied: Tensor, strength: Tensor
+    ) -> PackedView:
+        """Return one observation with the sinkages that the balances ask for, if one is missing.
+
+        ``constants`` [6] and ``varied`` [C, 6] as in :meth:`drive_row`; ``strength`` [2] is
+        (c [kPa], tan phi).
+        """
+        packed = view.packed.unsqueeze(0)
+        if not any_of(lacks_sinkage(packed, self.axles)):
+            return view
+        contact = values_alone(self.contact_of(constants, varied))
+        theta = torch.cat([strength, torch.ones_like(strength[:1])])
+        return view_of(with_balanced_sinkage(packed, contact, theta)[0], self.axles)
 
     def drive_row(
         self, view: PackedView, constants: Tensor, varied: Tensor, deviations: Tensor
@@ -189,13 +222,29 @@ class Physics(nn.Module):
     def rows(self, packed: Tensor, contact: ContactModel, theta: Tensor, chosen: Tensor) -> Rows:
         """Return the rows of observations [n, P], expanded where the ``chosen`` [R] agree best.
 
-        ``theta`` [3] is (c [kPa], tan phi, 1).
+        ``theta`` [3] is (c [kPa], tan phi, 1). Missing sinkages are those that the balances ask
+        for at ``theta``.
         """
+        missing = lacks_sinkage(packed, self.axles)
+        if any_of(missing):
+            return self.rows_without_sinkage(packed, missing, contact, theta, chosen)
         frame = frame_of(packed, contact)
         agreed = agreement(
             rows_at(frame, packed, values_alone(contact)), packed, contact, theta, chosen
         )
         return rows_at(frame, agreed.inputs, contact, agreed.doubt)
+
+    def rows_without_sinkage(
+        self, packed: Tensor, missing: Tensor, contact: ContactModel, theta: Tensor, chosen: Tensor
+    ) -> Rows:
+        """Return what :meth:`rows` does, without the sinkages of observations [n] that lack one."""
+        alone = values_alone(contact)
+        balanced = with_balanced_sinkage(packed, alone, theta)
+        frame = frame_of(balanced, contact)
+        straight = without_sinkage(rows_at(frame, balanced, alone), missing, theta)
+        agreed = agreement(straight, balanced, contact, theta, chosen)
+        rows = rows_at(frame, agreed.inputs, contact, agreed.doubt)
+        return without_sinkage(rows, missing, theta)
 
     def average(
         self, packed: Tensor, learnt: Tensor, soil: int, expansion: Tensor, chosen: Tensor
@@ -220,21 +269,35 @@ class Physics(nn.Module):
         self, rows: Rows, packed: Tensor, learnt: Tensor, deviations: Tensor, chosen: Tensor
     ) -> SoilRows:
         """Return the mean of the ``rows`` of a block [n, P] at ``deviations`` [M or more]."""
-        rows = Rows(rows.features, rows.noise, rows.target, rows.variance, rows.used * chosen)
+        rows = Rows(
+            rows.features, rows.noise, rows.target, rows.variance, rows.used * chosen, rows.taken
+        )
         view = view_of(packed, self.axles)
         velocity = torch.stack([view.velocity, view.velocity_sd**2], 1)
         # the net needs every wheel
         columns = torch.where(rows.used[:, :1].unsqueeze(-1) > 0.0, learnt, 0.0)
+        if rows.taken.shape[2] > 0:
+            columns = columns - rows.taken @ balances_of(columns, 1, self.axles)
         step = view.step * rows.used[:, 0]
         averaged = block_rows(
             rows, columns, step, velocity, deviations, self.fixed_columns, self.link_variance
         )
         return SoilRows(averaged, rows.noise[0, :, 0])
 
-    def has_moved(self, before: Tensor, after: Tensor) -> bool:
-        """Return False: without effects the rows of a block are evaluated once."""
-        del before, after
-        return False
+    def reevaluations(self, packed: Tensor) -> int:
+        """Return how often at most the rows of a block [n, P] are evaluated anew.
+
+        Rows without a sinkage are curved in (c, tan phi).
+        """
+        return self.most_reevaluations if any_of(lacks_sinkage(packed, self.axles)) else 0
+
+    def has_moved(self, before: Tensor, after: Tensor) -> Tensor:
+        """Return whether (c, tan phi) moved so far that other rows are needed, bool [].
+
+        ``before`` and ``after`` are as ``expansion`` in :meth:`average`.
+        """
+        cohesion, friction = (after[:2] - before[:2]).abs().unbind(0)
+        return (cohesion >= self.near[0]) | (friction >= self.near[1])
 
     def effect_sizes(self, mean: Tensor, variance: Tensor) -> Tensor:
         """Return the moments [J, 2] of the sizes of J = 0 named effects."""

@@ -66,15 +66,22 @@ class PhysicsByLaw(nn.Module):
             nominal.known_soils,
             nominal.uncertain_constants,
         )
-        self.effect_values, self.reevaluations = 0, 0
+        self.effect_values = 0
 
     def constants_of(self, chosen: Tensor, deviations: Tensor) -> tuple[Tensor, Tensor]:
         """Return the constants of the ``chosen`` soil, as the nominal physics does."""
         return self.nominal.constants_of(chosen, deviations)
 
     def usable(self, view: PackedView, leading: Tensor) -> Tensor:
-        """Return the usable wheels, as the nominal physics does."""
-        return self.nominal.usable(view, leading)
+        """Return the usable wheels, as the nominal physics does; each sinkage has to be known."""
+        return self.nominal.usable(view, leading) & torch.isfinite(view.sinkage)
+
+    def balanced(
+        self, view: PackedView, constants: Tensor, varied: Tensor, strength: Tensor
+    ) -> PackedView:
+        """Return the observation as it is: these forces are not solved for a missing sinkage."""
+        del constants, varied, strength
+        return view
 
     def rows_at(
         self, frame: Frame, likely: Tensor, contact: ContactModel, doubt: Tensor | None
@@ -117,8 +124,13 @@ class PhysicsByLaw(nn.Module):
         )
         return torch.cat([row[:1], 1e3 * (row[1:] - row[:1])])
 
-    def has_moved(self, before: Tensor, after: Tensor) -> bool:
-        """Return False: without effects the rows of a block are evaluated once."""
+    def reevaluations(self, packed: Tensor) -> int:
+        """Return 0: the rows of a block are evaluated once."""
+        del packed
+        return 0
+
+    def has_moved(self, before: Tensor, after: Tensor) -> Tensor:
+        """Return whether other rows would be needed, as the nominal physics does."""
         return self.nominal.has_moved(before, after)
 
     def effect_sizes(self, mean: Tensor, variance: Tensor) -> Tensor:

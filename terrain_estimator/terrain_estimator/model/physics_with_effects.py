@@ -55,15 +55,22 @@ class PhysicsWithEffects(nn.Module):
             nominal.uncertain_constants,
         )
         self.effect_values = values.mean.shape[0]
-        self.reevaluations, self.near = REEVALUATIONS, NEAR
+        self.most_reevaluations, self.near = REEVALUATIONS, NEAR
 
     def constants_of(self, chosen: Tensor, deviations: Tensor) -> tuple[Tensor, Tensor]:
         """Return the constants of the ``chosen`` soil, as the nominal physics does."""
         return self.nominal.constants_of(chosen, deviations)
 
     def usable(self, view: PackedView, leading: Tensor) -> Tensor:
-        """Return the usable wheels, as the nominal physics does."""
-        return self.nominal.usable(view, leading)
+        """Return the usable wheels, as the nominal physics does; each sinkage has to be known."""
+        return self.nominal.usable(view, leading) & torch.isfinite(view.sinkage)
+
+    def balanced(
+        self, view: PackedView, constants: Tensor, varied: Tensor, strength: Tensor
+    ) -> PackedView:
+        """Return the observation as it is: these forces are not solved for a missing sinkage."""
+        del constants, varied, strength
+        return view
 
     def effect_sizes(self, mean: Tensor, variance: Tensor) -> Tensor:
         """Return mean and variance of the size of each of J effects in SI units [J, 2].
@@ -145,14 +152,19 @@ class PhysicsWithEffects(nn.Module):
         rows = self.rows(packed, contact, deviations, theta, chosen)
         return self.nominal.averaged(rows, packed, learnt, deviations, chosen)
 
-    def has_moved(self, before: Tensor, after: Tensor) -> bool:
-        """Return whether an effect moved so far that the rows of a block have to be evaluated anew.
+    def reevaluations(self, packed: Tensor) -> int:
+        """Return how often at most the rows of a block [n, P] are evaluated anew."""
+        del packed
+        return self.most_reevaluations
 
-        ``before`` and ``after`` [M + V] are the deviations at the rows and at the posterior.
+    def has_moved(self, before: Tensor, after: Tensor) -> Tensor:
+        """Return whether an effect moved so far that other rows are needed, bool [].
+
+        ``before`` and ``after`` are as ``expansion`` in :meth:`average`.
         """
         first = self.uncertain_constants
-        moved = (self.within(after)[first:] - before[first:]).abs().amax()
-        return not bool(moved < self.near)
+        moved = (self.within(after[2:])[first:] - self.within(before[2:])[first:]).abs().amax()
+        return moved >= self.near
 
     def drive_row(
         self, view: PackedView, constants: Tensor, varied: Tensor, deviations: Tensor
@@ -214,4 +226,5 @@ def with_changes(rows: Rows, varied: Rows) -> Rows:
         rows.target,
         rows.variance,
         rows.used,
+        rows.taken,
     )

@@ -73,6 +73,16 @@ class Rows(NamedTuple):
     target: Tensor  # [n, R] what the row has to equal; row 0: g sin ab, to be subtracted from dv/dt
     variance: Tensor  # [n, R] of the target itself
     used: Tensor  # [n, R] 1 where the row holds, else 0
+    # [n, R, K] multiples of the K balances that were taken off, see unmeasured; K = 0: of none
+    taken: Tensor
+
+
+def balances_of(rows: Tensor, dim: int, axles: int) -> Tensor:
+    """Return the balances among R rows along ``dim``: load, moment, and that of each joint."""
+    first = axles + 3
+    return torch.cat(
+        [rows.narrow(dim, 1, 1), rows.narrow(dim, first, rows.shape[dim] - first)], dim
+    )
 
 
 class ContactModel(NamedTuple):
@@ -357,4 +367,6 @@ def rows_of_forces(frame: Frame, forces: Forces) -> Rows:
     )
     tilt = frame.tilt.view(1, n, rows, 1, 1)
     tilt = nn.functional.pad(tilt, [2, 0, 0, 0, 0, 0, 0, 0, 0, noise.shape[0] - 1])
-    return Rows(features, torch.cat([noise, tilt], 3), frame.target, frame.variance, frame.used)
+    none = torch.zeros(n, rows, 0, dtype=features.dtype)
+    noise = torch.cat([noise, tilt], 3)
+    return Rows(features, noise, frame.target, frame.variance, frame.used, none)

@@ -131,8 +131,8 @@ BROKEN: dict[str, tuple[dict[str, object], set[Outcome]]] = {
     "slip NaN": ({"slip": np.full(3, math.nan)}, {Outcome.NOT_FINITE}),
     "slip beyond one": ({"slip": np.full(3, 1.5)}, {Outcome.OUT_OF_RANGE}),
     "sinkage negative": ({"sinkage": np.full(3, -0.01)}, {Outcome.OUT_OF_RANGE}),
-    "sinkage of one axle missing": (
-        {"sinkage": np.array([0.01, math.nan, 0.01])},
+    "sinkage of one axle missing, and torque": (
+        {"sinkage": np.array([0.01, math.nan, 0.01]), "torque": np.full(3, math.nan)},
         {Outcome.NOT_FINITE},
     ),
     "slip of one axle beyond the model": (

@@ -153,6 +153,47 @@ def test_an_observation_with_an_unusable_axle_is_refused_by_name(name: str, valu
         assert "axle 1" in refused.detail
 
 
+def test_without_any_sinkage_it_is_accepted_where_the_balances_tell_it() -> None:
+    found = verdict(sinkage=NOT_MEASURED, sinkage_sd=NOT_MEASURED, bogie_angle=0.1)
+    assert found.outcome is Outcome.ACCEPTED
+    assert not found.detail
+
+
+def test_one_missing_sinkage_takes_the_others_with_it_and_is_named() -> None:
+    found = verdict(sinkage=at(1, math.nan, 0.018), bogie_angle=0.1)
+    assert found.outcome is Outcome.ACCEPTED_PARTIALLY
+    assert np.isnan(found.observation.sinkage).all()
+    assert "sinkage of axle 1 is nan" in found.detail
+    again = screen(found.observation, None, MARS, CONFIG)
+    assert again.outcome is Outcome.ACCEPTED
+
+
+@pytest.mark.parametrize(
+    ("changes", "needed"),
+    [
+        ({"bogie_angle": math.nan}, "the bogie's angle"),
+        ({"bogie_angle": 4.0}, "the bogie's angle"),  # masked: no bogie turns so far
+        ({"torque": NOT_MEASURED}, "each axle's torque"),
+        ({"torque": at(2, math.nan, 12.0)}, "each axle's torque"),
+        ({"torque_sd": at(2, math.nan, 0.4)}, "each axle's torque"),
+        ({"wheel_rate": at(0, 1e6, 1.5)}, "each axle's torque"),  # masked with its rate
+    ],
+)
+def test_a_missing_sinkage_is_refused_where_what_replaces_it_is_not_measured(
+    changes: dict[str, Any], needed: str
+) -> None:
+    found = verdict(**({"sinkage": at(1, math.nan, 0.018), "bogie_angle": 0.1} | changes))
+    assert found.outcome is Outcome.NOT_FINITE
+    assert found.detail == f"axle 1: sinkage is nan; to do without it, measure {needed}"
+
+
+def test_a_missing_sinkage_is_refused_where_the_parameter_says_so() -> None:
+    seen = observe(sinkage=NOT_MEASURED, bogie_angle=0.1)
+    found = screen(seen, None, MARS, CoreConfig(balance_sinkage=False))
+    assert found.outcome is Outcome.NOT_FINITE
+    assert "axle 2: sinkage is nan" in found.detail
+
+
 def test_a_sinkage_that_noise_makes_negative_is_told_from_a_sensor_error() -> None:
     noisy = verdict(sinkage=at(2, -0.0001, 0.018), sinkage_sd=np.full(3, 0.00006))
     broken = verdict(sinkage=at(2, -0.0003, 0.018), sinkage_sd=np.full(3, 0.00006))

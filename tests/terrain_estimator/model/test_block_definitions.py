@@ -67,6 +67,7 @@ def averaged(seed: int, n: int = 5) -> Averaged:
         normal(g, n, R),
         normal(g, n, R) ** 2,
         used,
+        torch.zeros(n, R, 0, dtype=torch.float64),
     )
     columns, fixed, expansion = (
         normal(g, n, R, NET),

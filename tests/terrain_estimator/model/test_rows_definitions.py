@@ -378,15 +378,18 @@ def test_changes_by_an_effect_are_derivatives_and_carry_its_target_in_the_consta
     used_moved[1, 0, 3] = 0.0  # the second value takes one row out of its range
     moved = {name: (base[name] + 1e-3 * slopes[name]).flatten(0, 1) for name in shapes}
     variance = torch.ones_like(used)
+    none = torch.zeros(2, 5, 0, dtype=torch.float64)
     rows = Rows(
-        base["features"].unsqueeze(0), base["noise"].unsqueeze(0), base["target"], variance, used
-    )
+        base["features"].unsqueeze(0), base["noise"].unsqueeze(0), base["target"], variance, used,
+        none,
+    )  # fmt: skip
     varied = Rows(
         moved["features"].unsqueeze(0),
         moved["noise"].unsqueeze(0),
         moved["target"],
         variance.repeat(2, 1),
         used_moved.flatten(0, 1),
+        none.repeat(2, 1, 1),
     )
     found = with_changes(rows, varied)
     features, noise = slopes["features"].clone(), slopes["noise"].clone()

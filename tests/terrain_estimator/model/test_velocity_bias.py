@@ -46,7 +46,7 @@ def chain_rows(velocity: Tensor, features: Tensor) -> BlockRows:
     """Return the rows of a block with measured velocities [n] and columns [n, 3]."""
     ones = torch.ones(N, 1, dtype=torch.float64)
     noise = CHANGE.expand(1, N, 1, 1, 3)
-    rows = Rows(features.view(1, N, 1, 3), noise, 0.0 * ones, 0.0 * ones, ones)
+    rows = Rows(features.view(1, N, 1, 3), noise, 0.0 * ones, 0.0 * ones, ones, ones[:, None, :0])
     measured = torch.stack([velocity, torch.full_like(velocity, VELOCITY_SD**2)], 1)
     return block_rows(
         rows, ones[:, None, :0], STEP_S * ones[:, 0], measured, ones[:0, 0],

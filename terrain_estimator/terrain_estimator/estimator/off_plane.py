@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The refusal of what a planar model does not describe: a lean to a side, a turn, a slide."""
+
+import math
+
+from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.observation import Observation
+from terrain_estimator.outcome import Outcome
+from terramechanics.vehicle.rover import Rover
+
+FASTEST = 100.0
+"""[m/s] of rover and rim; beyond it a sensor is broken or a unit is wrong."""
+_TURN_BOUND = 2.0
+"""[standard deviations] Noise allowed to what is perhaps a turn.
+
+It says nothing of c and tan phi: a refusal in vain costs a twentieth of the data and no bias, a
+turn that passes biases them.
+"""
+Refusal = tuple[Outcome, str] | None
+"""The outcome and its detail; None where nothing is refused."""
+
+
+def refuse_off_plane(
+    observation: Observation, rims: list[float], rover: Rover, config: CoreConfig
+) -> Refusal:
+    """Refuse a rover that leans to a side, moves sideways or turns: the model is planar.
+
+    Wheels share their shear between along and across, and left and right carry different loads.
+    What that does to c and tan phi, and so where the limits are, is in docs/lateral.md. Noise may
+    explain a motion, but not a lean: its noise is far below the limit. What is not measured counts
+    as zero.
+    """
+    lean = abs(observation.roll)
+    if config.roll_limit and lean > config.roll_limit:
+        degrees = f"{math.degrees(lean):.1f} deg to a side"
+        limit = f"beyond roll_limit ({math.degrees(config.roll_limit):.1f} deg)"
+        return Outcome.NOT_PLANAR, f"the rover leans {degrees}, {limit}"
+    if not config.turn_limit:
+        return None
+    left, left_sd = _known(observation.lateral_velocity, observation.lateral_velocity_sd)
+    turn, turn_sd = _known(observation.yaw_rate, observation.yaw_rate_sd)
+    sideways = max(abs(left + x * turn) for x in rover.axle_x)
+    noise = _TURN_BOUND * math.hypot(left_sd, rover.reach * turn_sd)
+    # a rate that no wheel has is masked later
+    speed = max([0.0, observation.velocity, *(rim for rim in rims if abs(rim) <= FASTEST)])
+    if sideways - noise <= config.turn_limit * speed:
+        return None
+    motion = f"lateral velocity {left:.3g} m/s and yaw rate {turn:.3g} rad/s"
+    limit = f"turn_limit ({config.turn_limit:g} of {speed:.3g} m/s) and noise ({noise:.3g} m/s)"
+    return (
+        Outcome.NOT_PLANAR,
+        f"{motion} move an axle sideways by {sideways:.3g} m/s, beyond {limit}",
+    )
+
+
+def _known(value: float, deviation: float) -> tuple[float, float]:
+    """Return a value and its deviation; zeros where it is not measured."""
+    return (value, deviation) if math.isfinite(value) and deviation >= 0.0 else (0.0, 0.0)
