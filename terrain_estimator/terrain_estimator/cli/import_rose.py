@@ -137,6 +137,7 @@ def _options(given: argparse.Namespace) -> RoseOptions:
             "body_axes": axes,
             "wheel_signs": tuple(map(float, signs)),
             "pitch_sd": math.radians(given.pitch_sd),
+            "contact_angle_sd": math.radians(given.contact_angle_sd),
             "rate_fields": names(given.rate_fields),
             "current_fields": names(given.current_fields),
         }
@@ -250,6 +251,14 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
         default=0.5,
         metavar="DEG",
         help="[deg] deviation of the pose's pitch from the body's (default: %(default)s)",
+    )
+    motion.add_argument(
+        "--contact-angle-sd",
+        type=real(0.0),
+        default=0.0,
+        metavar="DEG",
+        help="[deg] deviation of the ground below a wheel from the plane on which the rover stands;"
+        " contact angles are then 0 (default: they are not known)",
     )
     motion.add_argument(
         "--acceleration-axis",

@@ -16,6 +16,7 @@ from terrain_estimator.cli import replay
 from terrain_estimator.cli.import_rose import main
 from terrain_estimator.messaging.conversion import nose_up_pitch
 from terrain_estimator.topics import stamp_ns
+from terramechanics.presets import load_soil
 from tests.terrain_estimator.importing.rose_trial import (
     GAIN,
     HEADER,
@@ -149,6 +150,28 @@ def test_replay_takes_the_bag_and_refuses_for_the_reason_that_was_printed(
     told = capsys.readouterr().out
     assert "NO ESTIMATE" in told
     assert "NOT_FINITE" in told
+
+
+def test_torques_and_even_ground_make_an_estimate_without_sinkages(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stated = ["--torque-gain", str(GAIN), "--torque-sd", "0.05", "--contact-angle-sd", "0.2"]
+    assert convert(table(tmp_path), *stated) == 0
+    told = capsys.readouterr().out
+    assert "not in the data: sinkage, acceleration; wheel_sinkage holds NaN" in told
+    assert "NO ESTIMATE" not in told
+    sinkage = messages(tmp_path / "bag", "/wheel_sinkage")
+    assert {tuple(each.contact_angle) for each in sinkage} == {(0.0,) * 4}
+    sds = np.array([each.contact_angle_stddev for each in sinkage])
+    assert sds == pytest.approx(math.radians(0.2))
+    model, out = exported(ROVER, tmp_path), tmp_path / "out"
+    given = [str(tmp_path / "bag"), "--model", str(model), "--out", str(out)]
+    assert replay.main([*given, "-p", "torque_noise.relative:=0.05"]) == 0
+    found = json.loads((out / "summary.json").read_text())["bags"][0]["estimate"]
+    soil = load_soil("loose_sand")
+    for name, true in (("cohesion_pa", soil.cohesion), ("tan_phi", soil.tan_phi)):
+        assert abs(found[name]["mean"] - true) < 3.0 * found[name]["sd"]
+    assert found["tan_phi"]["sd"] < 0.11  # half of the prior's
 
 
 def test_turning_seconds_are_told_and_left_out_on_demand(

@@ -27,9 +27,10 @@ from terrain_estimator.importing.rose.schema import (
 )
 from terramechanics.vehicle.rover import Rover
 
+ABSENT = "not in the data: {names}; wheel_sinkage holds NaN for each sinkage"
 REFUSED = (
-    "not in the data: sinkage, contact_angle{more}; wheel_sinkage holds NaN, so that the estimator"
-    " refuses every observation (NOT_FINITE) and replay gives NO ESTIMATE"
+    ", and without {needed} the estimator refuses every observation (NOT_FINITE) and replay gives"
+    " NO ESTIMATE"
 )
 
 
@@ -51,21 +52,22 @@ def report(found: Found, options: RoseOptions) -> Iterator[str]:
             " and are left out"
         )
     turned = "left out" if options.straight_only else "kept (--straight-only leaves them out)"
-    refused = "the estimator refuses turns beyond its turn_limit"
+    beyond = "the estimator refuses turns beyond its turn_limit"
     yield (
         f"the rover turns for {found.turning_s:.1f} of {STEP * len(found.motions):.1f} s (yaw rate"
-        f" above {options.turn_rate:g} rad/s): {refused}"
+        f" above {options.turn_rate:g} rad/s): {beyond}"
         + (f", they are {turned}" if found.turning_s else "")
     )
-    absent = [
-        name
-        for name, there in (
-            ("torque", options.torque_gain is not None),
-            ("acceleration", bool(options.acceleration_axis)),
-        )
-        if not there
-    ]
-    yield REFUSED.format(more="".join(f", {name}" for name in absent))
+    given = {
+        "contact_angle": options.contact_angle_sd > 0.0,
+        "torque": options.torque_gain is not None,
+        "acceleration": bool(options.acceleration_axis),
+    }
+    absent = ["sinkage", *(name for name, there in given.items() if not there)]
+    ways = {"contact_angle": "--contact-angle-sd", "torque": "--torque-gain"}
+    needed = " and ".join(way for name, way in ways.items() if name in absent)
+    refused = REFUSED.format(needed=needed) if needed else ""
+    yield ABSENT.format(names=", ".join(absent)) + refused
     if options.torque_gain is not None:
         yield (
             "joint_states has no field for noise: give that of the torque to replay and"

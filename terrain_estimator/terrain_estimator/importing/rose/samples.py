@@ -187,12 +187,13 @@ def _sample(
         ),
     )
     measured = map(MeasuredValue, slips.slip.tolist(), slips.sd.tolist())
+    even = MeasuredValue(0.0, options.contact_angle_sd) if options.contact_angle_sd else NOTHING
     gain = math.nan if options.torque_gain is None else options.torque_gain
     return TableSample(
         stamp_ns=trial.start_ns + round(centre * 1e9),
         slip=[NOTHING if math.isnan(each.value) else each for each in measured],
         sinkage=[NOTHING] * len(order),
-        contact_angle=[NOTHING] * len(order),
+        contact_angle=[even] * len(order),
         wheel_rate=rates.tolist(),
         torque=(gain * currents).tolist(),
         velocity=MeasuredValue(speeds[1], sds[1]),

@@ -46,6 +46,7 @@ class RoseOptions:
     window: float | None = None  # [s] over which a line is put through poses
     position_sd: float | None = None  # [m] of one pose; None: by what the lines miss
     pitch_sd: float = np.radians(0.5)  # [rad] of the pose's alignment to the body
+    contact_angle_sd: float = 0.0  # [rad] of the ground below a wheel; 0: it is not known
     rate_sd: float = 0.0  # [rad/s] of one reading
     radius_sd: float = 0.01  # [1] relative, of the rolling radius
     standstill: float = 0.01  # [m/s] of a rim
