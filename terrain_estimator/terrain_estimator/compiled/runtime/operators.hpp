@@ -919,8 +919,7 @@ inline void solve_all(const double* factor, int64_t step, double* x, int64_t cou
   for (int64_t h = 0; h < count; h += kLanes) {
     gather(left, factor + h * step, step, count - h, n * n);
     gather(right, x + h * n * m, n * m, count - h, n * m);
-    forward(left, right, n, m);
-    if (both) backward(left, right, n, m);
+    solve(left, right, n, m, both);
     scatter(x + h * n * m, right, n * m, count - h, n * m);
   }
 }
