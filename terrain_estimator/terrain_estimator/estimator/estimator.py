@@ -375,20 +375,18 @@ class Estimator:
 
     def _summary(self, state: RuntimeState, doubt: float) -> "Summary":
         """Return the estimate of a state, with NaN where its numbers give none."""
-        with np.errstate(all="ignore"):
-            values = self._runtime.estimate(state)
-            sizes = self._runtime.effects(state).tolist() if self._effects else ()
-            mean, covariance = inflated(values[0], values[1:], self._beliefs, doubt)
-            condition = _condition(covariance)
-            soils = tuple(min(probability, 1.0) for probability in self._runtime.soils(state))
-            estimate = summarise(mean, covariance, self._beliefs, soils)
+        values = self._runtime.estimate(state)
+        mean, covariance = inflated(values[0], values[1:], self._beliefs, doubt)
+        soils = tuple([min(probability, 1.0) for probability in self._runtime.soils(state)])
+        estimate = summarise(mean, covariance, self._beliefs, soils)
         if self._effects:
+            sizes = self._runtime.effects(state).tolist()
             effects = [
                 NamedEffect(effect.name, effect.unit, mean, deviation(variance))
                 for effect, (mean, variance) in zip(self._effects, sizes, strict=True)
             ]
             estimate = dataclasses.replace(estimate, effects=tuple(effects))
-        return Summary(estimate, condition, unsound(estimate))
+        return Summary(estimate, _condition(covariance), unsound(estimate))
 
     def _answer(
         self, stamp_ns: int, decision: Decision, prediction: Prediction | None = None

@@ -78,12 +78,9 @@ class RecentSeconds:
     def told(self, windows: Sequence[int]) -> list[Told]:
         """Return the sums over the last seconds, for each number of them; the numbers rise."""
         starts = [self._size - each for each in reversed(windows)]
-        found, sums = [], [0.0] * self._terms.shape[1]
-        # each window begins with seconds that the one before lacks
-        for older in reversed(np.add.reduceat(self._terms[: self._size], starts).tolist()):
-            sums = [*map(operator.add, older, sums)]
-            found.append(self._told(sums))
-        return found
+        # what each window has beside the one before
+        added = np.add.reduceat(self._terms[: self._size], starts)[::-1]
+        return [self._told(sums) for sums in np.add.accumulate(added).tolist()]
 
     def _told(self, sums: list[float]) -> Told:
         """Return the sums by name."""
