@@ -385,7 +385,7 @@ class Estimator:
                 NamedEffect(effect.name, effect.unit, mean, deviation(variance))
                 for effect, (mean, variance) in zip(self._effects, sizes, strict=True)
             ]
-            estimate = dataclasses.replace(estimate, effects=tuple(effects))
+            estimate = estimate._replace(effects=tuple(effects))
         return Summary(estimate, _condition(covariance), unsound(estimate))
 
     def _answer(

@@ -209,9 +209,7 @@ class Pipeline:
             )
         else:
             update = self._estimator.update(conversion.observation)
-        return Answer(
-            dataclasses.replace(update, warnings=(note,)) if note else update, conversion.notes
-        )
+        return Answer(update._replace(warnings=(note,)) if note else update, conversion.notes)
 
     def save(self) -> dict[str, NDArray[Any]]:
         """Return the estimator's state, without messages that wait for their partners."""
