@@ -15,7 +15,7 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.consistency import Consistency, SecondFit, limit
 from terrain_estimator.estimator.forecasting import Forecast, Forecasting
-from terrain_estimator.estimator.intake import Intake, mostly_refused
+from terrain_estimator.estimator.intake import Intake
 from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, State, judged
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
 from terrain_estimator.estimator.screening import Screening, screen
@@ -227,7 +227,7 @@ class Estimator:
     def _disagreements(self) -> tuple[Disagreement, ...]:
         """Reasons why the model does not fit, each of which withholds the estimate."""
         # seconds are refused for their misfit: one of both reasons says all
-        return mostly_refused(self._intake.seconds) or self._inconsistent
+        return self._intake.disagreements or self._inconsistent
 
     def _judge(self) -> None:
         """Judge the fit of the last closed blocks."""
