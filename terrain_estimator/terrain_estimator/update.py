@@ -3,15 +3,13 @@
 """Results of the estimator for one observation: immutable records without ROS."""
 
 import math
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from terrain_estimator.observation import Floats
 from terrain_estimator.outcome import Outcome
 
 
-@dataclass(frozen=True, slots=True)
-class NamedEffect:
+class NamedEffect(NamedTuple):
     """An effect that the model estimates in addition to c and tan phi."""
 
     name: str
@@ -39,16 +37,14 @@ class RowFit(NamedTuple):
     spread: float  # [1] root mean square about it
 
 
-@dataclass(frozen=True, slots=True)
-class Disagreement:
+class Disagreement(NamedTuple):
     """One reason why the model does not fit this rover or ground."""
 
     finding: str  # in words, the model first
     advice: str
 
 
-@dataclass(frozen=True, slots=True)
-class Estimate:
+class Estimate(NamedTuple):
     """Marginal posterior of (c, tan phi), units Pa and 1."""
 
     mean: Floats  # [2] c [Pa], tan phi [1]
@@ -68,8 +64,7 @@ class Estimate:
     fit: tuple[RowFit, ...] = ()  # of the rows that at least ten of the last seconds had
 
 
-@dataclass(frozen=True, slots=True)
-class Prediction:
+class Prediction(NamedTuple):
     """Posterior predictive of the next measured velocity along body x."""
 
     valid: bool
@@ -84,8 +79,7 @@ class Prediction:
 NOTHING_PREDICTED = Prediction(False, *[math.nan] * 6)  # noqa: FBT003 - its first field
 
 
-@dataclass(frozen=True, slots=True)
-class Decision:
+class Decision(NamedTuple):
     """Treatment of the observation, and the reason.
 
     An accepted observation waits until its second ends, and then enters the posterior with it or is
@@ -102,8 +96,7 @@ class Decision:
     settled: int = 0  # accepted observations, with this one where it is one of them
 
 
-@dataclass(frozen=True, slots=True)
-class Update:
+class Update(NamedTuple):
     """All results for one observation.
 
     With a disagreement the estimate is the prior's, and the prediction that the velocity stays.
@@ -117,4 +110,4 @@ class Update:
     condition_number: float
     disagreements: tuple[Disagreement, ...] = ()
     unconfirmed: str = ""  # why an estimate that is sharp enough is not called identified
-    warnings: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...] = ()

@@ -175,11 +175,12 @@ class Consistency:
         if len(self.judged) < WINDOWS[0]:
             return ()
         single = self.judged[-PUBLISHED:, 2 : 2 + len(self.rows)]
-        total = np.add.reduce(single)
-        if all(map(math.isfinite, total.tolist())):  # nearly always all rows are there
-            offset = total / len(single)
-            spread = np.sqrt(np.add.reduce((single - offset) ** 2) / len(single))
-            return tuple(map(RowFit, self.rows, offset.tolist(), spread.tolist()))
+        mean = np.add.reduce(single) / len(single)
+        offsets: list[float] = mean.tolist()
+        if all(map(math.isfinite, offsets)):  # nearly always all rows are there
+            squares = np.add.reduce((single - mean) ** 2).tolist()
+            spreads = [math.sqrt(each / len(single)) for each in squares]
+            return tuple(map(RowFit, self.rows, offsets, spreads))
         there = np.isfinite(single)
         number = there.sum(0)
         least = np.maximum(number, 1)
@@ -269,6 +270,7 @@ def _limits(degrees: int) -> tuple[Callable[[float], float], Callable[[float], f
     return most, functools.partial(_floor, degrees=degrees)
 
 
+@functools.lru_cache
 def _floor(probability: float, degrees: int) -> float:
     """Return less than what a chi-square variable exceeds with ``probability`` [1]."""
     # skewed upwards, so above that of a normal variable with its moments

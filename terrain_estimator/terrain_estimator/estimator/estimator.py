@@ -15,7 +15,7 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.consistency import Consistency, SecondFit, limit
 from terrain_estimator.estimator.forecasting import Forecast, Forecasting
-from terrain_estimator.estimator.intake import Intake, mostly_refused
+from terrain_estimator.estimator.intake import Intake
 from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, State, judged
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
 from terrain_estimator.estimator.screening import Screening, screen
@@ -228,7 +228,7 @@ class Estimator:
     def _disagreements(self) -> tuple[Disagreement, ...]:
         """Reasons why the model does not fit, each of which withholds the estimate."""
         # seconds are refused for their misfit: one of both reasons says all
-        return mostly_refused(self._intake.seconds) or self._inconsistent
+        return self._intake.disagreements or self._inconsistent
 
     def _judge(self) -> None:
         """Judge the fit of the last closed blocks."""
@@ -378,20 +378,18 @@ class Estimator:
 
     def _summary(self, state: RuntimeState, doubt: float) -> "Summary":
         """Return the estimate of a state, with NaN where its numbers give none."""
-        with np.errstate(all="ignore"):
-            values = self._runtime.estimate(state)
-            sizes = self._runtime.effects(state).tolist() if self._effects else ()
-            mean, covariance = inflated(values[0], values[1:], self._beliefs, doubt)
-            condition = _condition(covariance)
-            soils = tuple(min(probability, 1.0) for probability in self._runtime.soils(state))
-            estimate = summarise(mean, covariance, self._beliefs, soils)
+        values = self._runtime.estimate(state)
+        mean, covariance = inflated(values[0], values[1:], self._beliefs, doubt)
+        soils = tuple([min(probability, 1.0) for probability in self._runtime.soils(state)])
+        estimate = summarise(mean, covariance, self._beliefs, soils)
         if self._effects:
+            sizes = self._runtime.effects(state).tolist()
             effects = [
                 NamedEffect(effect.name, effect.unit, mean, deviation(variance))
                 for effect, (mean, variance) in zip(self._effects, sizes, strict=True)
             ]
-            estimate = dataclasses.replace(estimate, effects=tuple(effects))
-        return Summary(estimate, condition, unsound(estimate))
+            estimate = estimate._replace(effects=tuple(effects))
+        return Summary(estimate, _condition(covariance), unsound(estimate))
 
     def _answer(
         self, stamp_ns: int, decision: Decision, prediction: Prediction | None = None

@@ -62,7 +62,8 @@ class Hindsight(NamedTuple):
         excess = (self.distance + PRIOR_WEIGHT) / (self.weight + PRIOR_WEIGHT) - 1.0
         if excess <= 0.0:
             return model
-        return model._replace(variance=model.variance + excess * (model.variance + model.noise))
+        variance = model.variance + excess * (model.variance + model.noise)
+        return Forecast(model.velocity, variance, model.noise)
 
 
 @dataclass(slots=True)

@@ -7,7 +7,7 @@ the posterior or left out as a whole, when it ends.
 """
 
 from collections import deque
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 
 from terrain_estimator.update import Disagreement, Seconds
 
@@ -33,7 +33,7 @@ class Intake:
         self.used = self.waiting = 0  # observations in the posterior and in the open second
         self.time_used_s = self.time_waiting_s = 0.0
         self.window = deque(window, maxlen=WINDOW)
-        self.seconds = _counted(self.window)
+        self._judge()
 
     def wait(self, time_s: float) -> None:
         """Count an observation of the open second, ``time_s`` after the last accepted one."""
@@ -54,13 +54,13 @@ class Intake:
         settled, self.waiting, self.time_waiting_s = self.waiting, 0, 0.0
         if settled:
             self.window.append(taken)
-            self.seconds = _counted(self.window)
+            self._judge()
         return settled
 
-
-def _counted(window: Collection[bool]) -> Seconds:
-    """Return the counts of the last closed seconds."""
-    return Seconds(len(window), sum(window))
+    def _judge(self) -> None:
+        """Count the last closed seconds, and say what they disagree with."""
+        self.seconds = Seconds(len(self.window), sum(self.window))
+        self.disagreements = mostly_refused(self.seconds)
 
 
 def mostly_refused(seconds: Seconds) -> tuple[Disagreement, ...]:

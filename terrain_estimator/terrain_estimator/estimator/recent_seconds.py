@@ -4,6 +4,7 @@
 
 import math
 import operator
+from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from terrain_estimator.observation import Floats
 
 LAGS = 3
 """[seconds of driving] Between two innovations that are compared."""
+_NO_PRODUCTS = (0.0,) * (2 * LAGS)
 
 
 class Told(NamedTuple):
@@ -44,6 +46,9 @@ class RecentSeconds:
         there = known(seconds[:, 2 + self._rows :])
         products = products_of(there).reshape(self._size, 2 * LAGS)
         self._terms[: self._size] = np.concatenate([seconds[:, :2], *there, products], axis=1)
+        # of the last ones, the newest first: the whitened innovations, and which were there
+        newest = there[:, : -LAGS - 1 : -1].swapaxes(0, 1)
+        self._newest: deque[list[list[float]]] = deque(newest.tolist(), maxlen=LAGS)
 
     @property
     def seconds(self) -> Floats:
@@ -56,33 +61,42 @@ class RecentSeconds:
             for kept in (self._room, self._terms):
                 kept[: self._most] = kept[-self._most :]
             self._size = self._most
-        now, rows, last = self._size, self._rows, 2 + 2 * self._rows
+        now, last = self._size, 2 + 2 * self._rows
         self._room[now] = second
         # plain numbers: what a second holds is too little for arrays
-        numbers = second.tolist()
-        there = [math.isfinite(each) for each in numbers[2 + rows :]]
-        white = [each if math.isfinite(each) else 0.0 for each in numbers[2 + rows :]]
-        self._terms[now] = [*numbers[:2], *white, *there, *[0.0] * (2 * LAGS)]
-        for lag, before in enumerate(self._terms[max(0, now - LAGS) : now][::-1]):
-            values = before.tolist()
-            before[last + lag] = sum(map(operator.mul, values[2 : 2 + rows], white))
-            before[last + LAGS + lag] = sum(map(operator.mul, values[2 + rows : last], there))
+        distance, freedom, *innovations = second.tolist()
+        there = [1.0 if math.isfinite(each) else 0.0 for each in innovations[self._rows :]]
+        white = [each if math.isfinite(each) else 0.0 for each in innovations[self._rows :]]
+        self._terms[now] = [distance, freedom, *white, *there, *_NO_PRODUCTS]
+        for lag, before in enumerate(self._newest):
+            product, compared = map(_product, before, (white, there))
+            self._terms[now - 1 - lag, last + lag] = product
+            self._terms[now - 1 - lag, last + LAGS + lag] = compared
+        self._newest.appendleft([white, there])
         self._size += 1
 
     def told(self, windows: Sequence[int]) -> list[Told]:
-        """Return the sums over the last seconds, for each number of them."""
-        terms, rows = self._terms[: self._size], self._rows
-        sums = np.array([np.add.reduce(terms[-each:]) for each in windows])
-        means, numbers = sums[:, 2 : 2 + rows], sums[:, 2 + rows : 2 + 2 * rows]
-        squares = (means**2 / np.maximum(numbers, 1.0)).sum(1).tolist()
-        present = (numbers > 0.0).sum(1).tolist()
-        products = sums[:, 2 + 2 * rows :].reshape(-1, 2, LAGS).sum(2).tolist()
-        return [
-            Told(distance, int(freedom), square, there, *product)
-            for (distance, freedom), square, there, product in zip(
-                sums[:, :2].tolist(), squares, present, products, strict=True
-            )
+        """Return the sums over the last seconds, for each number of them; the numbers rise."""
+        starts = [self._size - each for each in reversed(windows)]
+        # what each window has beside the one before
+        added = np.add.reduceat(self._terms[: self._size], starts)[::-1]
+        return [self._told(sums) for sums in np.add.accumulate(added).tolist()]
+
+    def _told(self, sums: list[float]) -> Told:
+        """Return the sums by name."""
+        rows, last = self._rows, 2 + 2 * self._rows
+        numbers = sums[2 + rows : last]
+        squares = [
+            total * total / number
+            for total, number in zip(sums[2 : 2 + rows], numbers, strict=True)
+            if number
         ]
+        products = sum(sums[last : last + LAGS]), sum(sums[last + LAGS :])
+        return Told(sums[0], int(sums[1]), sum(squares), len(squares), *products)
+
+
+def _product(one: list[float], other: list[float]) -> float:
+    return sum(map(operator.mul, one, other))
 
 
 def known(innovations: Floats) -> Floats:

@@ -13,7 +13,7 @@ value, would bias what is left. So a sinkage that noise makes slightly negative 
 import dataclasses
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,8 +39,7 @@ _STANDSTILL_BOUND = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Screening:
+class Screening(NamedTuple):
     """The verdict: ACCEPTED, ACCEPTED_PARTIALLY (a sensor is masked), or the reason of refusal."""
 
     outcome: Outcome

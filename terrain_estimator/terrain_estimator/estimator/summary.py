@@ -67,9 +67,11 @@ def inflated(
     """
     if doubt == 0.0:
         return mean, definite(covariance)
-    shift = beliefs.prior_mean - mean
-    between = (1.0 - doubt) * covariance + doubt * np.diag(beliefs.prior_sd**2)
-    return mean + doubt * shift, definite(between + doubt * (1.0 - doubt) * np.outer(shift, shift))
+    with np.errstate(all="ignore"):
+        shift = beliefs.prior_mean - mean
+        between = (1.0 - doubt) * covariance + doubt * np.diag(beliefs.prior_sd**2)
+        between += doubt * (1.0 - doubt) * np.outer(shift, shift)
+        return mean + doubt * shift, definite(between)
 
 
 def definite(covariance: Floats) -> Floats:

@@ -211,7 +211,7 @@ class Averager:
         """Add a reading that does not pass; return what the estimator takes now."""
         if self._begins:
             self._first = reading
-            return [dataclasses.replace(reading, mark=Mark.FIRST)]
+            return [reading._replace(mark=Mark.FIRST)]
         if self._decided:
             return self._marked(self._treated([reading]))
         self._waiting.append(reading)
@@ -245,7 +245,7 @@ class Averager:
 
     def _marked(self, taken: list[Conversion]) -> list[Conversion]:
         if taken and self._withdraws:
-            taken[0] = dataclasses.replace(taken[0], mark=Mark.WITHDRAWS)
+            taken[0] = taken[0]._replace(mark=Mark.WITHDRAWS)
             self._withdraws = False
         return taken
 
@@ -303,7 +303,7 @@ class Averager:
         moved = dataclasses.replace(reading, slip=slip, sinkage=sinkage)
         again = screen(moved, None, rover, config)
         own = dataclasses.replace(again.observation, slip=reading.slip, sinkage=reading.sinkage)
-        return dataclasses.replace(again, observation=own)
+        return again._replace(observation=own)
 
 
 def averaged(readings: Iterable[Conversion], averager: Averager) -> Iterator[Conversion]:

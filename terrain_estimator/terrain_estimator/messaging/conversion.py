@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,8 +56,7 @@ class Mark(IntEnum):
     WITHDRAWS = 2  # the estimator returns to its state before the first one
 
 
-@dataclass(frozen=True, slots=True)
-class Conversion:
+class Conversion(NamedTuple):
     """An observation, or the reason why there is none.
 
     ``notes`` name single wheels and sensors that were left out.

@@ -9,8 +9,7 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,8 +48,7 @@ WARM_UP_STEPS = 35
 """Observations that exercise every path of the model: three and a half blocks."""
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(NamedTuple):
     """Result of one set of messages."""
 
     update: Update
@@ -209,9 +207,7 @@ class Pipeline:
             )
         else:
             update = self._estimator.update(conversion.observation)
-        return Answer(
-            dataclasses.replace(update, warnings=(note,)) if note else update, conversion.notes
-        )
+        return Answer(update._replace(warnings=(note,)) if note else update, conversion.notes)
 
     def save(self) -> dict[str, NDArray[Any]]:
         """Return the estimator's state, without messages that wait for their partners."""

@@ -7,10 +7,8 @@ before. Only one batch is under way, so neither can block the other, and each en
 closes its end of the pipe.
 """
 
-import dataclasses
 import itertools
 import multiprocessing
-import operator
 import os
 import signal
 import threading
@@ -30,7 +28,7 @@ from terrain_estimator.messaging.columns import ObservationRow, Observations
 from terrain_estimator.messaging.conversion import Conversion, Mark
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
 from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Floats, Observation
-from terrain_estimator.update import Decision, Disagreement, Estimate, Prediction, Update
+from terrain_estimator.update import Update
 
 Converted: TypeAlias = list[tuple[RawMessage, Conversion | ObservationRow]]
 """A batch of sets, each with the message that completed it."""
@@ -81,25 +79,6 @@ def _is_worker() -> bool:
         multiprocessing.current_process().daemon
         or threading.current_thread() is not threading.main_thread()
     )
-
-
-def _by_call(
-    record: Update | Estimate | Prediction | Decision | Disagreement,
-) -> tuple[type, tuple[object, ...]]:
-    """Return the call that rebuilds a record.
-
-    The standard library's way for a dataclass with slots takes three times as long.
-    """
-    kind = type(record)
-    return kind, _VALUES[kind](record)
-
-
-_VALUES = {
-    kind: operator.attrgetter(*(field.name for field in dataclasses.fields(kind)))
-    for kind in (Update, Estimate, Prediction, Decision, Disagreement)
-}
-for _kind in _VALUES:
-    ForkingPickler.register(_kind, _by_call)
 
 
 def _in_turn(pipeline: Pipeline, batches: Iterable[Converted]) -> Iterator[Answered]:

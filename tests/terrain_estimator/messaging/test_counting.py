@@ -71,14 +71,9 @@ def with_innovation(
     innovation: float, variance: float, squared: float = math.nan, degrees: int = 0
 ) -> Update:
     plain = update(1)
-    return dataclasses.replace(
-        plain,
-        prediction=dataclasses.replace(
-            plain.prediction, innovation=innovation, innovation_variance=variance
-        ),
-        decision=dataclasses.replace(
-            plain.decision, mahalanobis_squared=squared, degrees_of_freedom=degrees
-        ),
+    return plain._replace(
+        prediction=plain.prediction._replace(innovation=innovation, innovation_variance=variance),
+        decision=plain.decision._replace(mahalanobis_squared=squared, degrees_of_freedom=degrees),
     )
 
 
@@ -126,13 +121,12 @@ def test_errors_of_two_parts_added_are_those_of_the_whole(
 
 def test_a_span_holds_the_last_estimate_and_the_largest_change() -> None:
     made = [
-        dataclasses.replace(
-            update(k, change=change),
-            estimate=dataclasses.replace(update(k).estimate, change_probability=change),
+        update(k, change=change)._replace(
+            estimate=update(k).estimate._replace(change_probability=change),
         )
         for k, change in enumerate((0.2, math.nan, 0.7, 0.1))
     ]
-    made[1] = dataclasses.replace(made[1], disagreements=(Disagreement("it misses", "check"),))
+    made[1] = made[1]._replace(disagreements=(Disagreement("it misses", "check"),))
     halves = []
     for part in (made[:2], made[2:]):
         span = UpdateSpan(part[0].stamp_ns, part[0].estimate)

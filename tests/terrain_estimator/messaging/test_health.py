@@ -87,11 +87,11 @@ def test_counts_go_on_and_statistics_start_anew_with_every_report() -> None:
 def test_a_refused_second_is_ten_refused_observations_and_counted_when_it_ends() -> None:
     monitor = HealthMonitor()
     for waiting in range(1, 10):
-        accepted = dataclasses.replace(decided(), settled=0)
+        accepted = decided()._replace(settled=0)
         monitor.observe(updated(accepted, observations_waiting=waiting), 0.001)
     waits = monitor.report(counters(), FRESH)
     assert (waits.accepted, waits.rejected, waits.summary) == (0, 0, "estimating")
-    gated = dataclasses.replace(decided(Outcome.GATED), settled=9)
+    gated = decided(Outcome.GATED)._replace(settled=9)
     monitor.observe(updated(gated), 0.001)
     found = monitor.report(counters(), FRESH)
     assert (found.accepted, found.rejected) == (0, 10)
@@ -109,7 +109,7 @@ def test_a_model_that_leaves_seconds_out_is_a_finding(
 ) -> None:
     """The reason in words is that of the estimate's status."""
     monitor, seconds = HealthMonitor(), Seconds(judged, taken)
-    told = dataclasses.replace(updated(seconds=seconds), disagreements=mostly_refused(seconds))
+    told = updated(seconds=seconds)._replace(disagreements=mostly_refused(seconds))
     monitor.observe(told, 0.001)
     health = monitor.report(counters(), FRESH)
     [found] = [each for each in health.findings if each.check is MODEL]
@@ -121,9 +121,7 @@ def test_a_model_that_leaves_seconds_out_is_a_finding(
 def test_seconds_that_were_taken_but_miss_by_too_much_are_an_error_of_the_model() -> None:
     monitor = HealthMonitor()
     reason = Disagreement("the last 20 seconds miss it", "check the model")
-    monitor.observe(
-        dataclasses.replace(updated(seconds=Seconds(60, 60)), disagreements=(reason,)), 0.001
-    )
+    monitor.observe(updated(seconds=Seconds(60, 60))._replace(disagreements=(reason,)), 0.001)
     health = monitor.report(counters(), FRESH)
     assert health.level is Level.ERROR
     assert "the last 20 seconds miss it" in health.summary

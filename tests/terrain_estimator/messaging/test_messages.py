@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Outgoing messages hold the whole update, also in words, with the same bytes live and offline."""
 
-import dataclasses
 import math
 from typing import Any
 
@@ -85,7 +84,7 @@ def updated(decision: Decision | None = None, **changes: Any) -> Update:
     return Update(
         12_500_000_001,
         7,
-        dataclasses.replace(estimate, **changes),
+        estimate._replace(**changes),
         prediction,
         decision or decided(),
         1e3,
@@ -151,9 +150,7 @@ def test_the_prediction_carries_its_interval() -> None:
 
 
 def test_a_prediction_that_is_not_valid_has_no_numbers() -> None:
-    update = dataclasses.replace(
-        updated(), prediction=dataclasses.replace(updated().prediction, valid=False)
-    )
+    update = updated()._replace(prediction=updated().prediction._replace(valid=False))
     message = prediction_message(update, TYPES.make, META, header())
     assert not message.valid
     assert np.isnan(
@@ -225,9 +222,7 @@ def test_the_status_says_what_is_missing(update: Update, status: Status, word: s
 @pytest.mark.parametrize("outcome", [Outcome.ACCEPTED, Outcome.STANDSTILL, Outcome.GATED])
 def test_a_model_that_does_not_fit_is_the_status_and_is_named_first(outcome: Outcome) -> None:
     reasons = (Disagreement("the model does not fit", "check the model"),)
-    disagreeing = dataclasses.replace(
-        updated(decided(outcome, detail="a wild row")), disagreements=reasons
-    )
+    disagreeing = updated(decided(outcome, detail="a wild row"))._replace(disagreements=reasons)
     status = status_of(disagreeing, ROWS)
     assert status is Status.DISAGREES
     text = status_text(disagreeing, status, ROWS, ())
@@ -239,9 +234,7 @@ def test_a_model_that_does_not_fit_is_the_status_and_is_named_first(outcome: Out
 
 
 def test_an_estimate_that_no_fit_confirms_says_so() -> None:
-    sharp = dataclasses.replace(
-        updated(identified=(False, False)), unconfirmed="the last 20 seconds are odd"
-    )
+    sharp = updated(identified=(False, False))._replace(unconfirmed="the last 20 seconds are odd")
     status = status_of(sharp, ROWS)
     assert status is Status.CONVERGING
     text = status_text(sharp, status, ROWS, ())
@@ -249,7 +242,7 @@ def test_an_estimate_that_no_fit_confirms_says_so() -> None:
 
 
 def test_the_messages_tell_what_became_of_the_seconds() -> None:
-    decision = dataclasses.replace(decided(Outcome.GATED), settled=9)
+    decision = decided(Outcome.GATED)._replace(settled=9)
     told = updated(decision, observations_waiting=3)
     message = estimate_message(told, TYPES.make, META, header())
     assert (message.observations_used, message.observations_waiting) == (240, 3)

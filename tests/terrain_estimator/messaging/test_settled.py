@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Observations are counted by what became of their second."""
 
-import dataclasses
-
 from terrain_estimator.messaging.settled import SettledOutcomes
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import Update
@@ -14,10 +12,9 @@ A, P, G = Outcome.ACCEPTED, Outcome.ACCEPTED_PARTIALLY, Outcome.GATED
 
 def update(outcome: Outcome, waiting: int, settled: int = 0) -> Update:
     made = updates.update(0, outcome)
-    return dataclasses.replace(
-        made,
-        estimate=dataclasses.replace(made.estimate, observations_waiting=waiting),
-        decision=dataclasses.replace(made.decision, settled=settled),
+    return made._replace(
+        estimate=made.estimate._replace(observations_waiting=waiting),
+        decision=made.decision._replace(settled=settled),
     )
 
 

@@ -51,8 +51,8 @@ def batches(pipeline: Pipeline) -> Iterator[Converted]:
     conversions[7] = Conversion(conversions[7].stamp_ns, None, Outcome.WRONG_FRAME, "a frame")
     spoilt = conversions[20].observation
     assert spoilt is not None
-    conversions[20] = dataclasses.replace(
-        conversions[20], observation=dataclasses.replace(spoilt, velocity=np.nan), notes=("a note",)
+    conversions[20] = conversions[20]._replace(
+        observation=dataclasses.replace(spoilt, velocity=np.nan), notes=("a note",)
     )
     yield [(CAUSE, each) for each in conversions[:25]]
     yield []

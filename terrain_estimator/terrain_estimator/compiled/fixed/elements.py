@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fixed forms of operators on elements: expressions, which cost no loop of their own."""
+"""Fixed forms of operators on elements.
+
+Most are expressions, which cost no loop of their own. Elementary functions get one.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,12 +18,12 @@ from terrain_estimator.compiled.graphs import Anything
 
 _SAME = [
     "add", "sub", "mul", "div", "lt", "le", "gt", "ge", "eq", "ne", "remainder", "minimum",
-    "maximum", "neg", "abs", "sign", "square", "reciprocal", "sqrt", "tan", "asin", "tanh", "exp",
-    "expm1", "log", "erfc", "floor", "isfinite", "isnan", "isinf", "logical_not",
+    "maximum", "neg", "abs", "sign", "square", "reciprocal", "sqrt", "tan", "erfc", "floor",
+    "isfinite", "isnan", "isinf", "logical_not",
 ]  # fmt: skip
 _NAMES = {name: name for name in _SAME} | {
     "__and__": "logical_and", "__or__": "logical_or", "where": "where", "addcmul": "addcmul",
-    "pow": "pow", "clone": "same", "lerp": "lerp",
+    "clone": "same", "lerp": "lerp",
 }  # fmt: skip
 """Operators on elements, by their names in scalar::."""
 
@@ -48,18 +51,42 @@ def _element(form: Writer, step: Step) -> None:
     form.defer(result.buffer, expression.broadcast(result.sizes))
 
 
-def _wave(form: Writer, step: Step) -> None:
-    """Write sin or cos: the cheaper series where it holds for all."""
-    (result,), source, name = step.results, step.arguments[0], step.name
-    count = written(form.buffers[result.buffer].count)
-    if source == form.rows(source.buffer, source.sizes) and form.is_used_again(source.buffer):
+def _series(form: Writer, step: Step) -> None:
+    """Write an elementary function as a loop of its own in the runtime, over rows of numbers."""
+    (result,), source = step.results, step.arguments[0]
+    exponent = [_spare(form, step.arguments[1], result)] if step.name == "pow" else []
+    if _is_whole(form, source, result) and form.is_used_again(source.buffer):
         pointer = form.pointer(source.buffer)
         form.new(result.buffer)
     else:
         expression, pointer = form.expression(source), f"b{result.buffer}"
         form.new(result.buffer)
-        form.assign(form.rows(result.buffer, source.sizes), expression)
-    form.lines.append(f"fixed::{name}({pointer}, b{result.buffer}, {count});")
+        form.assign(form.rows(result.buffer, result.sizes), expression)
+    count = written(form.buffers[result.buffer].count)
+    given = ", ".join([pointer, *exponent, f"b{result.buffer}", count])
+    form.lines.append(f"series::{step.name}({given});")
+
+
+def _spare(form: Writer, value: Anything, result: Place) -> str:
+    """Return the pointer to a number for each of a result's."""
+    if _is_whole(form, value, result):
+        return form.pointer(value.buffer)
+    expression = form.expression(value)
+    place = form.spare(result.sizes)
+    form.assign(place, expression)
+    return form.pointer(place.buffer)
+
+
+def _is_whole(form: Writer, value: Anything, result: Place) -> bool:
+    """Return whether a value is a buffer by rows, with the sizes of a result."""
+    return isinstance(value, Place) and value == form.rows(value.buffer, result.sizes)
+
+
+def _pow(form: Writer, step: Step) -> None:
+    """Write a power: of few known exponents as products."""
+    power = step.arguments[1]
+    known = not isinstance(power, Place) and float(_plain(power)) in _POWERS
+    (_element if known else _series)(form, step)
 
 
 _Read = Callable[[Any], Expression]
@@ -87,16 +114,7 @@ def _to(arguments: list[Any], read: _Read) -> Expression:
 
 
 def _power(arguments: list[Any], read: _Read) -> Expression:
-    base, power = arguments
-    if isinstance(power, Place):
-        return combined("scalar::pow({0}, {1})", [read(base), read(power)])
-    y = float(_plain(power))
-    known = {
-        2.0: "scalar::square({0})", 3.0: "scalar::cube({0})", 0.5: "scalar::sqrt({0})",
-        -0.5: "scalar::reciprocal(scalar::sqrt({0}))", -1.0: "scalar::reciprocal({0})",
-        -2.0: "scalar::reciprocal(scalar::square({0}))",
-    }  # fmt: skip
-    return combined(known.get(y, f"scalar::pow({{0}}, {number(y)})"), [read(base)])
+    return combined(_POWERS[float(_plain(arguments[1]))], [read(arguments[0])])
 
 
 def _plain(value: Anything) -> Anything:
@@ -110,8 +128,14 @@ _SPECIAL: dict[str, Callable[[list[Any], _Read], Expression]] = {
     "pow": _power,
 }
 """Operators with arguments of their own."""
+_POWERS = {
+    2.0: "scalar::square({0})", 3.0: "scalar::cube({0})", 0.5: "scalar::sqrt({0})",
+    -0.5: "scalar::reciprocal(scalar::sqrt({0}))", -1.0: "scalar::reciprocal({0})",
+    -2.0: "scalar::reciprocal(scalar::square({0}))",
+}  # fmt: skip
+"""Powers that need no logarithm, by their exponents."""
 ELEMENTS: dict[str, Callable[[Writer, Step], None]] = {
     **dict.fromkeys([*_NAMES, *_SPECIAL], _element),
-    "sin": _wave,
-    "cos": _wave,
+    **dict.fromkeys(["sin", "cos", "asin", "tanh", "exp", "expm1", "log"], _series),
+    "pow": _pow,
 }

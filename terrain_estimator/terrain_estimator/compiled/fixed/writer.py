@@ -12,9 +12,7 @@ from terrain_estimator.compiled.fixed.lengths import indexed, nested, plus, same
 from terrain_estimator.compiled.fixed.recording import Buffer, Number, Place, UnfitError
 from terrain_estimator.compiled.graphs import Anything
 
-_SLOW = re.compile(
-    r"scalar::(div|reciprocal|sqrt|pow|exp|expm1|log|tan|asin|tanh|erfc|remainder)\("
-)
+_SLOW = re.compile(r"scalar::(div|reciprocal|sqrt|tan|erfc|remainder)\(")
 """Functions that take longer than to write a number and to read it."""
 
 
@@ -74,6 +72,12 @@ class Writer:
             strides.append(stride)
             stride = times(stride, size)
         return Place(buffer, same(0), tuple(sizes), tuple(reversed(strides)))
+
+    def spare(self, sizes: Sequence[Number]) -> Place:
+        """Return memory that no step has asked for."""
+        self.buffers.append(Buffer(times(*sizes)))
+        self.new(len(self.buffers) - 1)
+        return self.rows(len(self.buffers) - 1, sizes)
 
     # ---- expressions
 

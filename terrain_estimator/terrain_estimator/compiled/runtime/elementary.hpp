@@ -17,6 +17,8 @@
 
 // In a loop, so that it takes several at once.
 #define TERRAIN_INLINE inline __attribute__((always_inline))
+// The same for the body of a loop.
+#define TERRAIN_INNER __attribute__((always_inline))
 
 namespace terrain::elementary {
 
@@ -69,24 +71,33 @@ TERRAIN_INLINE double exp(double x) {
   return (1.0 + expm1_near_zero(r)) * power_of_two(half) * power_of_two(k - half);
 }
 
-TERRAIN_INLINE double expm1(double x) {
-  const double inside = x < -60.0 ? -60.0 : (x > 710.0 ? 710.0 : x);
-  const double k = (inside * 1.4426950408889634 + kRounder) - kRounder;
-  const double r = (inside - k * kLn2High) - k * kLn2Low;
-  const double half = (0.5 * k + kRounder) - kRounder;
-  const double series = expm1_near_zero(r), scale = power_of_two(k);
-  const double near = scale * series + (scale - 1.0);
-  const double far = (1.0 + series) * power_of_two(half) * power_of_two(k - half);
-  return x > 700.0 ? far : near;
+// exp(x) for -700 <= x <= 700, whose results are normal
+TERRAIN_INLINE double exp_of_moderate(double x) {
+  const double k = (x * 1.4426950408889634 + kRounder) - kRounder;
+  const double r = (x - k * kLn2High) - k * kLn2Low;
+  return (1.0 + expm1_near_zero(r)) * power_of_two(k);
 }
 
-TERRAIN_INLINE double log(double x) {
-  const bool tiny = x < 2.2250738585072014e-308;
-  const uint64_t whole = bits(tiny ? x * 18014398509481984.0 : x);  // times 2^54
+// expm1(x) for -60 <= x <= 700
+TERRAIN_INLINE double expm1_of_moderate(double x) {
+  const double k = (x * 1.4426950408889634 + kRounder) - kRounder;
+  const double r = (x - k * kLn2High) - k * kLn2Low;
+  const double scale = power_of_two(k);
+  return scale * expm1_near_zero(r) + (scale - 1.0);
+}
+
+TERRAIN_INLINE double expm1(double x) {
+  const double inside = x < -60.0 ? -60.0 : (x > 700.0 ? 700.0 : x);
+  return x > 700.0 ? exp(x) : expm1_of_moderate(inside);
+}
+
+// log(x 2^-less) of a normal x > 0
+TERRAIN_INLINE double log_of_normal(double x, double less = 0.0) {
+  const uint64_t whole = bits(x);
   const uint64_t shifted = whole + (0x3ff0000000000000ull - 0x3fe6a09e667f3bcdull);
   const uint64_t exponent = shifted >> 52;
-  const double e = (of_bits(exponent | 0x4330000000000000ull) - 4503599627370496.0) - 1023.0 -
-                   (tiny ? 54.0 : 0.0);
+  const double e =
+      (of_bits(exponent | 0x4330000000000000ull) - 4503599627370496.0) - 1023.0 - less;
   // in sqrt(1/2) ... sqrt(2)
   const double f = of_bits(whole - ((exponent - 1023) << 52)) - 1.0;
   const double s = f / (2.0 + f), z = s * s, half = 0.5 * f * f;
@@ -102,7 +113,12 @@ TERRAIN_INLINE double log(double x) {
   p = p * z + 2.0 / 7.0;
   p = p * z + 2.0 / 5.0;
   p = p * z + 2.0 / 3.0;
-  const double near = e * kLn2High + (f - (half - (s * (half + z * p) + e * kLn2Low)));
+  return e * kLn2High + (f - (half - (s * (half + z * p) + e * kLn2Low)));
+}
+
+TERRAIN_INLINE double log(double x) {
+  const bool tiny = x < 2.2250738585072014e-308;
+  const double near = log_of_normal(tiny ? x * 18014398509481984.0 : x, tiny ? 54.0 : 0.0);
   const double positive = x == kInfinity ? kInfinity : near;
   return x > 0.0 ? positive : (x == 0.0 ? -kInfinity : kNaN);
 }
@@ -158,14 +174,6 @@ TERRAIN_INLINE double sin_from(double x, double quarter) {
 TERRAIN_INLINE double sin(double x) { return sin_from(x, 0.0); }
 TERRAIN_INLINE double cos(double x) { return sin_from(x, 1.0); }
 
-// Whether sin and cos of all of them are those near zero: the same bytes for a third of the work.
-inline bool near_zero(const double* x, int64_t count) {
-  constexpr double kLimit = 0.78;  // below pi / 4, so that no quarter is turned
-  uint64_t beyond = 0;  // the sign of a difference of bits, which grow with a positive number
-  for (int64_t i = 0; i < count; ++i) beyond |= bits(kLimit) - bits(std::fabs(x[i]));
-  return beyond >> 63 == 0;
-}
-
 // atan(t) for |t| <= tan(pi / 16)
 TERRAIN_INLINE double atan_near_zero(double t) {
   const double z = t * t;
@@ -194,7 +202,7 @@ TERRAIN_INLINE double asin(double x) {
 }
 
 TERRAIN_INLINE double tanh(double x) {
-  const double size = std::fabs(x), e = expm1(2.0 * (size < 20.0 ? size : 20.0));
+  const double size = std::fabs(x), e = expm1_of_moderate(2.0 * (size < 20.0 ? size : 20.0));
   const double value = x != x ? x : e / (e + 2.0);
   return x < 0.0 ? -value : value;
 }

@@ -13,7 +13,6 @@ namespace scalar {
 
 TERRAIN_INLINE double same(double v) { return v; }
 TERRAIN_INLINE double cube(double v) { return v * v * v; }
-TERRAIN_INLINE double pow(double x, double y) { return elementary::pow(x, y); }
 TERRAIN_INLINE double where(double c, double x, double y) { return c != 0.0 ? x : y; }
 TERRAIN_INLINE double addcmul(double x, double y, double z) { return x + y * z; }
 TERRAIN_INLINE double lerp(double x, double y, double w) {
@@ -46,17 +45,6 @@ inline bool fits(const Tensor& x, Kind kind, std::initializer_list<int64_t> size
     if (x.size(d++) != size) return false;
   return true;
 }
-
-#define TERRAIN_WAVE(name)                                                          \
-  inline void name(const double* x, double* to, int64_t count) {                    \
-    if (elementary::near_zero(x, count))                                            \
-      for (int64_t i = 0; i < count; ++i) to[i] = elementary::name##_near_zero(x[i]); \
-    else                                                                            \
-      for (int64_t i = 0; i < count; ++i) to[i] = elementary::name(x[i]);           \
-  }
-TERRAIN_WAVE(sin)
-TERRAIN_WAVE(cos)
-#undef TERRAIN_WAVE
 
 // A matrix by rows.
 inline void by_rows(const double* from, int64_t by_row, int64_t by_column, double* to, int64_t rows,

@@ -81,6 +81,16 @@ __attribute__((noinline)) inline void multiply(const double* a, int64_t am, int6
   if (i < m) rows<1>(a + i * am, am, ak, b, bk, c + i * n, k, n);
 }
 
+// Column j of the factor below its diagonal, of R rows from i on, of kLanes systems side by side.
+template <int R>
+TERRAIN_INLINE void column_of_factor(Lanes* l, int64_t n, int64_t j, int64_t i) {
+  Lanes sum[R];
+  for (int r = 0; r < R; ++r) sum[r] = l[(i + r) * n + j];
+  for (int64_t k = 0; k < j; ++k)
+    for (int r = 0; r < R; ++r) sum[r] -= l[(i + r) * n + k] * l[j * n + k];
+  for (int r = 0; r < R; ++r) l[(i + r) * n + j] = sum[r] / l[j * n + j];
+}
+
 // L of A = L L' in place, of kLanes systems [n, n] side by side; false where one is not positive.
 inline bool factorise(Lanes* l, int64_t n) {
   for (int64_t j = 0; j < n; ++j) {
@@ -90,11 +100,9 @@ inline bool factorise(Lanes* l, int64_t n) {
       if (!(d[t] > 0.0)) return false;
     for (int t = 0; t < kLanes; ++t) d[t] = std::sqrt(d[t]);
     l[j * n + j] = d;
-    for (int64_t i = j + 1; i < n; ++i) {
-      Lanes s = l[i * n + j];
-      for (int64_t k = 0; k < j; ++k) s -= l[i * n + k] * l[j * n + k];
-      l[i * n + j] = s / d;
-    }
+    int64_t i = j + 1;
+    for (; i + 4 <= n; i += 4) column_of_factor<4>(l, n, j, i);
+    for (; i < n; ++i) column_of_factor<1>(l, n, j, i);
   }
   return true;
 }
@@ -116,36 +124,85 @@ inline int64_t factorise(double* l, int64_t n) {
   return 0;
 }
 
-// X of L X = B in place [n, m], of kLanes systems side by side
-inline void forward(const Lanes* l, Lanes* x, int64_t n, int64_t m) {
-  for (int64_t i = 0; i < n; ++i)
-    for (int64_t c = 0; c < m; ++c) {
-      Lanes s = x[i * m + c];
-      for (int64_t k = 0; k < i; ++k) s -= l[i * n + k] * x[k * m + c];
-      x[i * m + c] = s / l[i * n + i];
-    }
+// C columns of X of L X = B in place [n, m], of kLanes systems side by side.
+template <int C>
+TERRAIN_INLINE void forward(const Lanes* l, Lanes* x, int64_t n, int64_t m) {
+  for (int64_t i = 0; i < n; ++i) {
+    Lanes sum[C];
+    for (int c = 0; c < C; ++c) sum[c] = x[i * m + c];
+    for (int64_t k = 0; k < i; ++k)
+      for (int c = 0; c < C; ++c) sum[c] -= l[i * n + k] * x[k * m + c];
+    for (int c = 0; c < C; ++c) x[i * m + c] = sum[c] / l[i * n + i];
+  }
 }
 
-// X of L' X = B in place [n, m]
-inline void backward(const Lanes* l, Lanes* x, int64_t n, int64_t m) {
-  for (int64_t i = n - 1; i >= 0; --i)
-    for (int64_t c = 0; c < m; ++c) {
-      Lanes s = x[i * m + c];
-      for (int64_t k = i + 1; k < n; ++k) s -= l[k * n + i] * x[k * m + c];
-      x[i * m + c] = s / l[i * n + i];
-    }
+// The same of L' X = B.
+template <int C>
+TERRAIN_INLINE void backward(const Lanes* l, Lanes* x, int64_t n, int64_t m) {
+  for (int64_t i = n - 1; i >= 0; --i) {
+    Lanes sum[C];
+    for (int c = 0; c < C; ++c) sum[c] = x[i * m + c];
+    for (int64_t k = i + 1; k < n; ++k)
+      for (int c = 0; c < C; ++c) sum[c] -= l[k * n + i] * x[k * m + c];
+    for (int c = 0; c < C; ++c) x[i * m + c] = sum[c] / l[i * n + i];
+  }
+}
+
+// All m columns of X of L X = B, or of L L' X = B.
+inline void solve(const Lanes* l, Lanes* x, int64_t n, int64_t m, bool both) {
+  int64_t c = 0;
+  for (; c + 4 <= m; c += 4) {
+    forward<4>(l, x + c, n, m);
+    if (both) backward<4>(l, x + c, n, m);
+  }
+  for (; c < m; ++c) {
+    forward<1>(l, x + c, n, m);
+    if (both) backward<1>(l, x + c, n, m);
+  }
+}
+
+// Rows become columns.
+TERRAIN_INLINE void transpose(Lanes (&x)[kLanes]) {
+#ifdef __AVX__
+  const Lanes a{x[0][0], x[1][0], x[0][2], x[1][2]}, b{x[0][1], x[1][1], x[0][3], x[1][3]};
+  const Lanes c{x[2][0], x[3][0], x[2][2], x[3][2]}, d{x[2][1], x[3][1], x[2][3], x[3][3]};
+  x[0] = Lanes{a[0], a[1], c[0], c[1]};
+  x[1] = Lanes{b[0], b[1], d[0], d[1]};
+  x[2] = Lanes{a[2], a[3], c[2], c[3]};
+  x[3] = Lanes{b[2], b[3], d[2], d[3]};
+#else
+  const Lanes a{x[0][0], x[1][0]}, b{x[0][1], x[1][1]};
+  x[0] = a;
+  x[1] = b;
+#endif
 }
 
 // Lays up to kLanes matrices of `count` numbers side by side, the last one as often as needed.
 inline void gather(Lanes* to, const double* from, int64_t step, int64_t number, int64_t count) {
   const double* each[kLanes];
   for (int64_t t = 0; t < kLanes; ++t) each[t] = from + std::min(t, number - 1) * step;
-  for (int64_t i = 0; i < count; ++i)
+  int64_t i = 0;
+  for (; i + kLanes <= count; i += kLanes) {
+    Lanes block[kLanes];
+    for (int64_t t = 0; t < kLanes; ++t) block[t] = lanes(each[t] + i);
+    transpose(block);
+    for (int64_t t = 0; t < kLanes; ++t) to[i + t] = block[t];
+  }
+  for (; i < count; ++i)
     for (int64_t t = 0; t < kLanes; ++t) to[i][t] = each[t][i];
 }
 inline void scatter(double* to, const Lanes* from, int64_t step, int64_t number, int64_t count) {
-  for (int64_t t = 0; t < std::min(number, kLanes); ++t)
-    for (int64_t i = 0; i < count; ++i) to[t * step + i] = from[i][t];
+  int64_t i = 0;
+  for (; i + kLanes <= count; i += kLanes) {
+    Lanes block[kLanes];
+    for (int64_t t = 0; t < kLanes; ++t) block[t] = from[i + t];
+    transpose(block);
+#pragma GCC unroll 4
+    for (int64_t t = 0; t < kLanes; ++t)
+      if (t < number) lanes(to + t * step + i) = block[t];
+  }
+  for (; i < count; ++i)
+    for (int64_t t = 0; t < std::min(number, kLanes); ++t) to[t * step + i] = from[i][t];
 }
 
 }  // namespace terrain::detail

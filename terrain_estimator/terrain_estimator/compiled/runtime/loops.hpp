@@ -102,8 +102,6 @@ inline Integers common_sizes(std::initializer_list<const Tensor*> tensors) {
   return sizes;
 }
 
-Tensor contiguous(const Tensor& x);
-
 // out[...] = f(a)
 template <class F>
 inline Tensor map(const Tensor& a, Kind kind, F f) {
@@ -126,14 +124,6 @@ inline Tensor map(const Tensor& a, Kind kind, F f) {
     for (int64_t i = 0; i < n; ++i) to[i] = f(from[i * step]);
   });
   return out;
-}
-
-// out[...] = f(a), or the cheaper near(a) where that is the same for all of a.
-template <class F, class Near>
-inline Tensor map(const Tensor& a, Kind kind, F f, Near near) {
-  const Tensor rows = contiguous(a);
-  return elementary::near_zero(rows.data(), rows.count()) ? map(rows, kind, near)
-                                                          : map(rows, kind, f);
 }
 
 // out[...] = f(a, b), broadcast

@@ -10,6 +10,7 @@
 #include "elementary.hpp"
 #include "kernels.hpp"
 #include "loops.hpp"
+#include "series.hpp"
 
 namespace terrain {
 
@@ -99,9 +100,6 @@ inline int64_t integer(const Tensor& x) { return static_cast<int64_t>(x.item());
 
 // ---- one tensor
 
-// Of the body of a loop: it has to be part of the loop to take several numbers at once.
-#define TERRAIN_INNER __attribute__((always_inline))
-
 #define TERRAIN_UNARY(name, expression)                                      \
   namespace scalar { TERRAIN_INLINE double name(double v) { return expression; } } \
   inline Tensor name(const Tensor& x) {                                      \
@@ -110,23 +108,24 @@ inline int64_t integer(const Tensor& x) { return static_cast<int64_t>(x.item());
 TERRAIN_UNARY(reciprocal, 1.0 / v)
 TERRAIN_UNARY(sqrt, std::sqrt(v))
 TERRAIN_UNARY(tan, elementary::sin(v) / elementary::cos(v))
-TERRAIN_UNARY(asin, elementary::asin(v))
-TERRAIN_UNARY(tanh, elementary::tanh(v))
-TERRAIN_UNARY(exp, elementary::exp(v))
-TERRAIN_UNARY(expm1, elementary::expm1(v))
-TERRAIN_UNARY(log, elementary::log(v))
 TERRAIN_UNARY(erfc, elementary::erfc(v))
 #undef TERRAIN_UNARY
 
-#define TERRAIN_WAVE(name)                                                                 \
-  inline Tensor name(const Tensor& x) {                                                    \
-    return settled(map(x, fractional(x.kind()),                                            \
-                       [](double v) TERRAIN_INNER { return elementary::name(v); },         \
-                       [](double v) TERRAIN_INNER { return elementary::name##_near_zero(v); })); \
+#define TERRAIN_SERIES(name)                                   \
+  inline Tensor name(const Tensor& x) {                        \
+    const Tensor rows = contiguous(x);                         \
+    Tensor out = Tensor::empty_like(rows, fractional(x.kind())); \
+    series::name(rows.data(), out.data(), out.count());        \
+    return settled(out);                                       \
   }
-TERRAIN_WAVE(sin)
-TERRAIN_WAVE(cos)
-#undef TERRAIN_WAVE
+TERRAIN_SERIES(sin)
+TERRAIN_SERIES(cos)
+TERRAIN_SERIES(asin)
+TERRAIN_SERIES(tanh)
+TERRAIN_SERIES(exp)
+TERRAIN_SERIES(expm1)
+TERRAIN_SERIES(log)
+#undef TERRAIN_SERIES
 
 #define TERRAIN_SAME_KIND(name, expression) \
   namespace scalar { TERRAIN_INLINE double name(double v) { return expression; } } \
@@ -360,13 +359,12 @@ inline Tensor expand(const Tensor& x, const Integers& sizes) {
   return out;
 }
 
-// In one loop: it costs so much that rows which do not fill the last register matter.
 inline Tensor pow(const Tensor& a, const Tensor& b) {
   const Integers sizes = common_sizes({&a, &b});
   const Tensor base = contiguous(expand(a, sizes)), power = contiguous(expand(b, sizes));
-  return settled(map(base, power, promoted(a, b), [](double x, double y) TERRAIN_INNER {
-    return elementary::pow(x, y);
-  }));
+  Tensor out = Tensor::empty_like(base, promoted(a, b));
+  series::pow(base.data(), power.data(), out.data(), out.count());
+  return settled(out);
 }
 
 inline Tensor diagonal(const Tensor& x, int64_t offset, int64_t first, int64_t second) {
@@ -921,8 +919,7 @@ inline void solve_all(const double* factor, int64_t step, double* x, int64_t cou
   for (int64_t h = 0; h < count; h += kLanes) {
     gather(left, factor + h * step, step, count - h, n * n);
     gather(right, x + h * n * m, n * m, count - h, n * m);
-    forward(left, right, n, m);
-    if (both) backward(left, right, n, m);
+    solve(left, right, n, m, both);
     scatter(x + h * n * m, right, n * m, count - h, n * m);
   }
 }
