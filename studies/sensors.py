@@ -52,11 +52,11 @@ class Sensors(NamedTuple):
 
 
 SETS = (
-    Sensors("sinkage, torque, bogie angle", sinkage=True, torque=True, moments=True),
+    Sensors("sinkage, torque, moments", sinkage=True, torque=True, moments=True),
     Sensors("sinkage, torque", sinkage=True, torque=True, moments=False),
-    Sensors("sinkage, bogie angle", sinkage=True, torque=False, moments=True),
+    Sensors("sinkage, moments", sinkage=True, torque=False, moments=True),
     Sensors("sinkage", sinkage=True, torque=False, moments=False),
-    Sensors("torque, bogie angle", sinkage=False, torque=True, moments=True),
+    Sensors("torque, moments", sinkage=False, torque=True, moments=True),
 )
 
 
