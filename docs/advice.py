@@ -28,6 +28,7 @@ WHEN = {
         "use_torque": f"{_TORQUE}; in the planner too",
         "use_imu": f"{_IMU}; in the planner too",
         "use_moments": "to false if the suspension has springs or stiff joints",
+        "use_sinkage": "to false if no sensor measures sinkages, or a poor one",
         "prior.cohesion_mean": _SITE,
         "prior.cohesion_sd": _SITE_SD,
         "prior.tan_phi_mean": _SITE,
@@ -37,9 +38,6 @@ WHEN = {
             "if the ground changes slowly along the way; it costs accuracy everywhere else"
         ),
         "standstill_speed": _STILL,
-        "balance_sinkage": (
-            "to false if an observation without a measured sinkage should be refused"
-        ),
         "roll_limit": (
             "to 0 if the roll is not calibrated; a larger one only where a study of your rover"
             " allows it"

@@ -245,6 +245,25 @@ def test_without_torque_and_imu_it_estimates_with_fewer_rows_and_says_so(rover: 
     assert_sound(estimates)
 
 
+def test_without_a_sinkage_sensor_it_estimates_from_torques_and_balances(
+    start: Starter, listener: Listener
+) -> None:
+    process = start("terrain_estimator", "estimator", "--ros-args", "-p", "use_sinkage:=false")
+    process.wait_for_output("ready")
+    rover, events = Rover(listener, process), inputs()
+    for topic, _, message in events:
+        if topic == "wheel_sinkage":
+            message.sinkage = [math.nan] * len(message.wheel)
+            message.sinkage_stddev = [math.nan] * len(message.wheel)
+    estimates = rover.drive(events)
+    assert {each.decision.outcome_name for each in estimates} == {"ACCEPTED"}
+    assert "load" not in estimates[-1].rows
+    assert "torque_0" in estimates[-1].rows
+    assert "rows missing" not in estimates[-1].status_text
+    assert estimates[-1].cohesion_stddev < estimates[0].cohesion_stddev
+    assert_sound(estimates)
+
+
 def test_a_reset_brings_the_prior_back_and_lets_time_start_again(
     rover: Rover, listener: Listener
 ) -> None:

@@ -22,6 +22,11 @@ class CoreConfig:
         "use the moment balances of rover and bogie; needs the bogie's angle in joint_states",
         default=True,
     )
+    use_sinkage: bool = entry(
+        "use the sinkages of wheel_sinkage; if false, the balances of load and moments tell them,"
+        " which needs use_torque and use_moments",
+        default=True,
+    )
     prior_cohesion_mean_pa: float = number(
         "site knowledge: mean of the cohesion; needs prior.cohesion_sd",
         "Pa",
@@ -97,11 +102,6 @@ class CoreConfig:
         default=0.95,
     )
 
-    balance_sinkage: bool = entry(
-        "where an axle's sinkage is missing, take those of all axles from the rover's balances;"
-        " needs torques, contact angles, the bogie's angle, and a model without named effects",
-        default=True,
-    )
     roll_limit: float = number(
         "observations in which the rover leans further to a side are refused, since the model does"
         " not; 0: no limit",
@@ -120,11 +120,16 @@ class CoreConfig:
     )
 
     def __post_init__(self) -> None:
-        """Refuse half a prior, and to forget within less than a second.
+        """Refuse half a prior, to forget within less than a second, and too few sensors.
 
         A mean without its deviation would do nothing, and a deviation alone would put the mean at
         0.
         """
+        if not self.use_sinkage and not (self.use_torque and self.use_moments):
+            raise ConfigError(
+                "parameter use_sinkage: false needs use_torque and use_moments: without sinkages"
+                " the balances tell these, and torques the ground"
+            )
         if 0.0 < self.forgetting_time < 1.0:
             raise ConfigError(
                 f"parameter forgetting_time: {self.forgetting_time:g} s is less than the second"

@@ -77,13 +77,13 @@ def run_of(
     Raises:
         RunError: none of them can be used, and why.
     """
-    config = replace(config, balance_sinkage=False)  # the search needs each sinkage
     last: Observation | None = None
     packed: list[Floats] = []
     rates: list[Floats] = []
     stamps: list[int] = []
     for observation in observations:
-        screening = screen(observation, last.stamp_ns if last else None, rover, config)
+        previous_ns = last.stamp_ns if last else None
+        screening = screen(observation, previous_ns, rover, config, sinkage_needed=True)
         if not screening.outcome.used:
             refusals.add(screening.outcome, screening.detail)
             continue

@@ -61,8 +61,12 @@ class Estimator:
         self._rows = model.rows
         self._moments = tuple(row for row in model.rows if "moment" in row)
         self._effects = model.effects
-        balances = config.balance_sinkage and model.balances_sinkage
-        self._config = dataclasses.replace(config, balance_sinkage=balances)
+        self._config, self._balances_sinkage = config, model.balances_sinkage
+        if not (config.use_sinkage or model.balances_sinkage):
+            raise ConfigError(
+                f"parameter use_sinkage: model {model.model_id} needs every sinkage: it has named"
+                " effects or another contact law"
+            )
         self._step_s, self._block = model.metadata.step_s, model.metadata.block
         self._beliefs = Beliefs.of(model.metadata, config)
         self._gate = limit(config.gate_probability, 1)
@@ -110,7 +114,13 @@ class Estimator:
         The content of an observation never raises.
         """
         observation = self._without_unused(observation)
-        screening = screen(observation, self._last_stamp, self._rover, self._config)
+        screening = screen(
+            observation,
+            self._last_stamp,
+            self._rover,
+            self._config,
+            sinkage_needed=not self._balances_sinkage,
+        )
         if screening.outcome not in (Outcome.TIME_BACKWARDS, Outcome.DUPLICATE):
             self._last_stamp = observation.stamp_ns
         if screening.outcome.used:
@@ -214,6 +224,8 @@ class Estimator:
 
     def _without_unused(self, observation: Observation) -> Observation:
         changes: dict[str, Floats | float] = {}
+        if not self._config.use_sinkage:
+            changes["sinkage"] = np.full_like(observation.sinkage, np.nan)
         if not self._config.use_torque:
             changes["torque"] = np.full_like(observation.torque, np.nan)
         if not self._config.use_imu:

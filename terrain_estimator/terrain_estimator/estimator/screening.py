@@ -52,8 +52,13 @@ def screen(
     previous_stamp_ns: int | None,
     rover: Rover,
     config: CoreConfig,
+    *,
+    sinkage_needed: bool = False,
 ) -> Screening:
-    """Screen one observation; ``previous_stamp_ns`` is the stamp of the last one, if any."""
+    """Screen one observation; ``previous_stamp_ns`` is the stamp of the last one, if any.
+
+    ``sinkage_needed`` says that no balance may replace a sinkage.
+    """
     rims = _rims(observation, rover.wheel_radius)
     refusal = (
         _refuse_time(observation.stamp_ns, previous_stamp_ns)
@@ -64,6 +69,8 @@ def screen(
     )
     if refusal is not None:
         return Screening(refusal[0], observation, refusal[1])
+    if sinkage_needed and (missing := _without_sinkage(observation)):
+        return Screening(Outcome.NOT_FINITE, observation, _named(missing))
     return _mask(observation, rims, rover.wheel_radius, config)
 
 
@@ -198,7 +205,7 @@ def _mask(
         *_mask_rates(observation, rims, radius, changes),
         *_mask_optional(observation, changes),
     ]
-    missing = [axle for axle, each in enumerate(observation.sinkage.tolist()) if math.isnan(each)]
+    missing = _without_sinkage(observation)
     if 0 < len(missing) < len(observation.sinkage):
         changes["sinkage"] = np.full_like(observation.sinkage, math.nan)
         axles = ", ".join(map(str, missing))
@@ -207,11 +214,19 @@ def _mask(
     if details:
         masked = dataclasses.replace(observation, **changes)  # type: ignore[arg-type]
     if missing and (lacking := _lacking_for_balances(masked)):
-        detail = "; ".join(f"axle {axle}: sinkage is nan" for axle in missing)
-        detail += f"; to do without it, measure {lacking}"
+        detail = f"{_named(missing)}; to do without it, measure {lacking}"
         return Screening(Outcome.NOT_FINITE, observation, detail)
     outcome = Outcome.ACCEPTED_PARTIALLY if details else Outcome.ACCEPTED
     return Screening(outcome, masked, "; ".join(details))
+
+
+def _without_sinkage(observation: Observation) -> list[int]:
+    """Return the axles whose sinkage is missing."""
+    return [axle for axle, each in enumerate(observation.sinkage.tolist()) if math.isnan(each)]
+
+
+def _named(missing: list[int]) -> str:
+    return "; ".join(f"axle {axle}: sinkage is nan" for axle in missing)
 
 
 def _lacking_for_balances(observation: Observation) -> str:
@@ -258,7 +273,7 @@ def _wheel_fault(
 ) -> tuple[Outcome, str] | None:
     """Return the reason why one wheel cannot be used; None where it can."""
     slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd = wheel
-    if config.balance_sinkage and math.isnan(sinkage):
+    if math.isnan(sinkage):
         sinkage, sinkage_sd = 0.01 * radius, radius  # of no consequence: the balances tell it
     if not (math.isfinite(slip) and math.isfinite(sinkage) and math.isfinite(angle)):
         name, value = _first(lambda each: not math.isfinite(each), slip, sinkage, angle)

@@ -326,11 +326,13 @@ def usable_rows(rows: tuple[str, ...], config: CoreConfig) -> tuple[str, ...]:
 
     A row that is switched off does not count as missing.
     """
+    balances = config.use_moments and config.use_sinkage  # else they are spent on the sinkages
     used = {
+        "load": config.use_sinkage,
         "torque": config.use_torque,
         "acceleration": config.use_imu,
-        "moment": config.use_moments,
-        "bogie_moment": config.use_moments,
+        "moment": balances,
+        "bogie_moment": balances,
     }
     off = tuple(name for name, use in used.items() if not use)
     return tuple(row for row in rows if not row.startswith(off))

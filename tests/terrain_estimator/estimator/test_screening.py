@@ -187,9 +187,9 @@ def test_a_missing_sinkage_is_refused_where_what_replaces_it_is_not_measured(
     assert found.detail == f"axle 1: sinkage is nan; to do without it, measure {needed}"
 
 
-def test_a_missing_sinkage_is_refused_where_the_parameter_says_so() -> None:
+def test_a_missing_sinkage_is_refused_where_the_model_needs_it() -> None:
     seen = observe(sinkage=NOT_MEASURED, bogie_angle=0.1)
-    found = screen(seen, None, MARS, CoreConfig(balance_sinkage=False))
+    found = screen(seen, None, MARS, CONFIG, sinkage_needed=True)
     assert found.outcome is Outcome.NOT_FINITE
     assert "axle 2: sinkage is nan" in found.detail
 
