@@ -20,7 +20,7 @@ from tests.hidden.judge.judging import Record, examine
 from tests.hidden.judge.page import field, joined, page
 from tests.hidden.judge.strata import Batch, batches, field_batches
 
-FROZEN = "3f2718e11335c709f795b96c5d26a2ba59911a1a"
+FROZEN = "574fdf826d81bd3311b458aea26ac2f5efecfbe2"
 """Commit after which nothing that decides a verdict was changed."""
 PAGE = Path(__file__).parents[3] / "docs" / "hidden.md"
 
