@@ -24,7 +24,7 @@ from studies.calibration.thresholds import CalibrationCase, sample, thresholds
 from terrain_estimator.console.arguments import SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
-from terrain_estimator.discovery.evidence.search import Study
+from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import Gains
 from terrain_estimator.discovery.hypotheses.library import (
     TYPICAL,

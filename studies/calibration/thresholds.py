@@ -9,7 +9,8 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from terrain_estimator.discovery.evidence.search import Candidate, Study, foresee, search
+from terrain_estimator.discovery.evidence.search import foresee, search
+from terrain_estimator.discovery.evidence.study import Candidate, Study
 from terrain_estimator.discovery.evidence.verdict import Gains, Thresholds
 from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.progress import ProgressCallback

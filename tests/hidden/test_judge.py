@@ -13,9 +13,11 @@ import torch
 from terramechanics.presets import load_rover
 from tests.hidden.cases import ROVERS, Plan, draw_cases, simulate_cases
 from tests.hidden.generators import GENERATORS
-from tests.hidden.judge.bars import bars, outcomes, proportion
+from tests.hidden.judge.bars import bars, conditions, field_bars, outcomes, proportion
 from tests.hidden.judge.judging import Record, investigated, judged, right
+from tests.hidden.judge.page import FIELD_HEADING, field, joined
 from tests.hidden.judge.strata import (
+    FIELD_SOILS,
     KNOWN,
     OUTSIDE,
     SEED,
@@ -142,6 +144,20 @@ def test_outcomes_are_counted_by_family_and_effect() -> None:
     assert f"| none | none | 1 |  |  |  |  |  | 1 |  | {proportion(1, 1)} |" in table
 
 
+def test_the_section_of_the_field_is_replaced_and_the_rest_of_the_page_stays() -> None:
+    drawn = {"told": "regolith", "soil": "loose_sand", "noise": 1.0, "rover": "mars_rover"}
+    records = [record("field, nothing", "none", "soil", **drawn, right=True)] * 2
+    once = joined("# Page\n\n| old |\n", None, field(records, 532, "1a2b3c4d"))
+    assert once.startswith(f"# Page\n\n| old |\n\n{FIELD_HEADING}")
+    assert "**2 of the 532 cases are done.**" in once
+    assert f"| soil told wrongly | {proportion(2, 2)} |" in once
+    assert joined(once, None, field(records, 532, "1a2b3c4d")) == once
+    assert joined(once, "# New\n", None) == once.replace("# Page\n\n| old |", "# New")
+    assert joined("# Page\n", "# New\n", None) == "# New\n"
+    assert "| field, all cases: right | at least 93% | 2 of 2" in field_bars(records)
+    assert conditions(records).count("|---") == 2
+
+
 def test_limits_are_those_of_clopper_and_pearson() -> None:
     assert proportion(0, 200) == "0 of 200 = 0.0% (0.0% to 1.8%)"  # 1 - 0.025^(1/200)
 
@@ -170,8 +186,8 @@ def test_the_field_is_drawn_from_the_commit_that_froze_the_rule() -> None:
     field = field_batches("1a2b3c4d5e")
     assert field == field_batches("1a2b3c4dffff")
     assert field != field_batches("1a2b3c4e5e")
-    cases = TOGETHER * len(field)
-    assert cases >= 500
+    keys = [key for batch in field for key in batch.keys]
+    assert len(set(keys)) == len(keys) >= 500
     told = sum(bool(batch.plan.told) for batch in field) / len(field)
     noisy = [batch.plan.noise for batch in field if batch.plan.noise != 1.0]
     assert 0.2 < told < 0.47
@@ -179,7 +195,11 @@ def test_the_field_is_drawn_from_the_commit_that_froze_the_rule() -> None:
     assert 0.5 <= min(noisy) < max(noisy) <= 2.0
     assert {batch.plan.rover for batch in field} == set(ROVERS)
     assert all(batch.plan.told != batch.plan.soil for batch in field)
-    assert {batch.family for batch in field[:30]} == set(field_families())
+    first = field[: len(field) // 5]
+    assert {batch.family for batch in first} == set(field_families())
+    assert {(batch.plan.rover, batch.plan.soil) for batch in first} == {
+        (rover, soil) for rover in ROVERS for soil in FIELD_SOILS
+    }
 
 
 def test_a_case_of_the_field_has_its_rover_and_states_other_noise_than_it_has() -> None:

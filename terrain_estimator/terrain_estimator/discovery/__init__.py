@@ -28,8 +28,11 @@ Each name stands in its module:
 - ``contributions``: their evaluation run by run, in this process or on workers.
 - ``unknowns``: the unknowns of all runs and their priors.
 - ``fit``: Gauss-Newton over all runs and the evidence of a hypothesis (Laplace).
+- ``next_effect``: the equations with one more effect from those without it.
 - ``flexible``: a discrepancy without a name.
-- ``search``: fits of all hypotheses. ``verdict``: the rule. ``finding``: all of it.
+- ``study``: runs and fits of one hypothesis to them. ``search``: fits of all that promise anything.
+- ``common_constants``: a fit of soil constants that runs have in common. ``soil_revision``: a study
+  on them. ``verdict``: the rule. ``finding``: all of it.
 - ``where``: rows against regions of signals (``regions``) on the innovations of a fit
   (``whitening``).
 - ``isolability``: which effects the runs can separate, by expected log Bayes factors

@@ -15,12 +15,12 @@ from pathlib import Path
 
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.offline.cluster import ClusterError, cluster
-from tests.hidden.judge.bars import bars
+from tests.hidden.judge.bars import bars, field_bars
 from tests.hidden.judge.judging import Record, examine
-from tests.hidden.judge.page import page
+from tests.hidden.judge.page import field, joined, page
 from tests.hidden.judge.strata import Batch, batches, field_batches
 
-FROZEN = "3f2718e11335c709f795b96c5d26a2ba59911a1a"
+FROZEN = "574fdf826d81bd3311b458aea26ac2f5efecfbe2"
 """Commit after which nothing that decides a verdict was changed."""
 PAGE = Path(__file__).parents[3] / "docs" / "hidden.md"
 
@@ -34,9 +34,7 @@ def main() -> int:
     path: Path = options.out / "cases.jsonl"
     options.out.mkdir(parents=True, exist_ok=True)
     found = _kept(path)
-    chosen = batches(whole=options.full) + field_batches(options.frozen)
-    if options.field:
-        chosen = field_batches(options.frozen)
+    chosen = field_batches(options.frozen) if options.field else batches(whole=options.full)
     known = {each["key"] for each in found}
     missing = [batch for batch in chosen if not known.issuperset(batch.keys)]
     try:
@@ -46,8 +44,14 @@ def main() -> int:
         return 2
     wanted = [key for batch in chosen for key in batch.keys]
     records = [each for each in found if each["key"] in wanted]
-    options.page.write_text(page(records, len(wanted), options.frozen), encoding="utf-8")
-    sys.stdout.write(f"{bars(records)}\n{options.page}: {len(records)} of {len(wanted)} cases\n")
+    text = options.page.read_text(encoding="utf-8") if options.page.exists() else ""
+    if options.field:
+        text = joined(text, None, field(records, len(wanted), options.frozen))
+    else:
+        text = joined(text, page(records, len(wanted)), None)
+    options.page.write_text(text, encoding="utf-8")
+    table = field_bars(records) if options.field else bars(records)
+    sys.stdout.write(f"{table}\n{options.page}: {len(records)} of {len(wanted)} cases\n")
     return 0
 
 
@@ -57,7 +61,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--full", action="store_true", help="all cases, not only the sample")
     parser.add_argument(
-        "--field", action="store_true", help="only the cases whose conditions are drawn"
+        "--field",
+        action="store_true",
+        help="the cases whose conditions are drawn, instead of those whose are set",
     )
     parser.add_argument(
         "--frozen",

@@ -90,7 +90,7 @@ def _field(each: Record) -> bool:
     return each["family"].startswith("field")
 
 
-SHARES = (
+FIELD_SHARES = (
     Share("field, all cases: right", _field, lambda each: each["right"], least=0.93, cases=500),
     Share(
         "field, something hidden: right",
@@ -107,6 +107,8 @@ SHARES = (
         most=0.98,
         cases=80,
     ),
+)
+SHARES = (
     Share(
         "nothing hidden, soil constants wrong by up to 5 %: anything named",
         _family("none"), _named, most=0.02, cases=400,
@@ -203,14 +205,38 @@ def bias_rows(records: Sequence[Record]) -> list[tuple[str, str, str, str]]:
 
 
 def bars(records: Sequence[Record]) -> str:
-    """Return the table of the bars, as Markdown."""
+    """Return the table of the bars for conditions that are set, as Markdown."""
     rows = [each.row(records) for each in SHARES]
     rows[-1:-1] = [gap_row(records), *bias_rows(records)]
+    return _bars(rows)
+
+
+def field_bars(records: Sequence[Record]) -> str:
+    """Return the table of the bars for conditions that are drawn, as Markdown."""
+    return _bars([each.row(records) for each in FIELD_SHARES])
+
+
+def _bars(rows: Sequence[tuple[str, str, str, str]]) -> str:
     lines = [
         "| what | bar | found (95 % limits) | |",
         "|---|---|---|---|",
         *("| " + " | ".join(row) + " |" for row in rows),
     ]
+    return "\n".join(lines) + "\n"
+
+
+def conditions(records: Sequence[Record]) -> str:
+    """Return the table of right verdicts by condition of the field, as Markdown."""
+    groups: dict[str, list[Record]] = defaultdict(list)
+    for each in records:
+        wrong, noisy = each["told"] != each["soil"], each["noise"] != 1.0
+        groups[f"soil told {'wrongly' if wrong else 'rightly'}"].append(each)
+        groups[f"noise {'misstated' if noisy else 'as stated'}"].append(each)
+        groups[each["rover"]].append(each)
+        groups[each["soil"]].append(each)
+    lines = ["| condition | right (95 % limits) |", "|---|---|"]
+    for name, group in sorted(groups.items()):
+        lines.append(f"| {name} | {proportion(sum(each['right'] for each in group), len(group))} |")
     return "\n".join(lines) + "\n"
 
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import torch
 
-from terrain_estimator.discovery.evidence.search import Study
+from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
@@ -32,7 +32,7 @@ from terrain_estimator.offline.reading_runs import read_run_of
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.vehicle.rover import Rover
 from tests.hidden.cases import Case, Plan, Truth, draw_cases
-from tests.hidden.judge.strata import TOGETHER, Batch
+from tests.hidden.judge.strata import Batch
 from tests.hidden.sealing import seal
 
 Record = dict[str, Any]
@@ -52,7 +52,7 @@ class Answer:
 def examine(batch: Batch) -> list[Record]:
     """Draw some cases, seal each, run the workflow on its bags, and judge the answer."""
     torch.set_num_threads(1)
-    cases = draw_cases(batch.plan, TOGETHER, batch.seed, ROVER, batch.first)
+    cases = draw_cases(batch.plan, batch.count, batch.seed, ROVER, batch.first)
     return [
         _examined(case) | {"key": key, "family": batch.family}
         for key, case in zip(batch.keys, cases, strict=True)

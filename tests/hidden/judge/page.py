@@ -3,7 +3,7 @@
 """The page docs/hidden.md."""
 
 from docs.provenance import measured
-from tests.hidden.judge.bars import bars, outcomes
+from tests.hidden.judge.bars import bars, conditions, field_bars, outcomes
 from tests.hidden.judge.judging import Record
 
 INTRODUCTION = """<!--
@@ -27,12 +27,6 @@ where nothing is hidden? {done} of the {wanted} cases that were asked for are do
 - Limits are Clopper-Pearson, 95 %; those of medians and ratios are bootstrapped.
 
 """
-FIELD = """Cases of the **field** are drawn: one of four rovers (two have no model), one of three
-soils, the size from a range of the hidden law. In a third the soil is told wrongly (another
-preset), in a third the noise is 0.5 to 2 times the stated one. The rule of the verdict was frozen
-by commit {frozen}, whose first eight digits are the seed of these cases.
-
-"""
 VERDICTS = """## Verdicts
 
 A verdict is right in these cases:
@@ -50,8 +44,37 @@ A verdict is right in these cases:
 """
 
 
-def page(records: list[Record], wanted: int, frozen: str) -> str:
-    """Return the page of the cases that are done."""
+FIELD_HEADING = "## Conditions as in the field\n"
+FIELD = """
+{measured}
+
+**{done} of the {wanted} cases are done.** Here conditions are drawn, for each case anew: one of
+four rovers (two have no model), one of three soils, the size from a range of the hidden law. In a
+third the soil is told wrongly (another preset), in a third the noise is 0.5 to 2 times the stated
+one. The rule of the verdict was frozen by commit {frozen}, whose first eight digits are the seed of
+these cases. All families advance in step, so that those done are a sample of all.
+
+"""
+
+
+def page(records: list[Record], wanted: int) -> str:
+    """Return the page of the cases that are done under set conditions."""
     head = INTRODUCTION.format(measured=measured("hidden"), done=len(records), wanted=wanted)
-    field = FIELD.format(frozen=frozen)
-    return f"{head}{field}{bars(records)}\n{VERDICTS}{outcomes(records)}"
+    return f"{head}{bars(records)}\n{VERDICTS}{outcomes(records)}"
+
+
+def field(records: list[Record], wanted: int, frozen: str) -> str:
+    """Return the section of the cases that are done under drawn conditions."""
+    line = measured("hidden", "--field")
+    head = FIELD.format(measured=line, done=len(records), wanted=wanted, frozen=frozen)
+    tables = [field_bars(records), conditions(records), outcomes(records)]
+    return FIELD_HEADING + head + "\n".join(tables)
+
+
+def joined(text: str, first: str | None, section: str | None) -> str:
+    """Return the page ``text`` with another ``first`` part or field ``section``; None: as it is."""
+    before, _, after = text.partition(FIELD_HEADING)
+    kept = FIELD_HEADING + after if after else ""
+    first = before.rstrip("\n") if first is None else first.rstrip("\n")
+    section = kept if section is None else section
+    return f"{first}\n\n{section}" if section else f"{first}\n"

@@ -7,7 +7,7 @@ import random
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from tests.hidden.cases import ROVERS, Plan
+from tests.hidden.cases import ROVERS, TERRAINS, Plan
 from tests.hidden.generators import GENERATORS
 
 KNOWN = tuple(name for name, effect in GENERATORS.items() if effect.known)
@@ -35,18 +35,19 @@ SEED = 65_000
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """TOGETHER cases that are drawn from ``plan`` and ``seed``."""
+    """Cases that are drawn from ``plan`` and ``seed``."""
 
     family: str
     plan: Plan
     seed: int
     first: int  # place of the first of them among soils and terrains
+    count: int = TOGETHER
 
     @property
     def keys(self) -> list[str]:
         """Keys of the records."""
         name = "+".join(name for name, _ in self.plan.parts) or "none"
-        return [f"{self.family}/{name}/{self.seed}/{number}" for number in range(TOGETHER)]
+        return [f"{self.family}/{name}/{self.seed}/{number}" for number in range(self.count)]
 
 
 def families() -> dict[str, tuple[list[Plan], int, int]]:
@@ -96,6 +97,7 @@ def field_families() -> dict[str, tuple[list[Plan], int]]:
 def field_batches(frozen: str) -> list[Batch]:
     """Return the cases of the field: rover, soil, what is told of it and noise are drawn.
 
+    Each case has conditions of its own, so that any first part is a sample of all conditions.
     ``frozen`` is the commit that froze the rule of the verdict: its first eight digits are the
     seed, so that nobody could look at the cases before.
     """
@@ -104,8 +106,14 @@ def field_batches(frozen: str) -> list[Batch]:
     families = {}
     for family, (plans, cases) in field_families().items():
         families[family] = [
-            Batch(family, _condition(plan, drawn), seed % 1_000_000_000 + turn, turn)
-            for turn in range(cases // TOGETHER)
+            Batch(
+                family,
+                _condition(plan, drawn),
+                seed % 1_000_000_000 + turn,
+                drawn.randrange(len(FIELD_SOILS) * len(TERRAINS)),
+                count=1,
+            )
+            for turn in range(cases)
             for plan in plans
         ]
     return _in_step(list(families.values()))

@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from terrain_estimator.discovery.evidence.search import Candidate
+from terrain_estimator.discovery.evidence.study import Candidate
 from terrain_estimator.discovery.hypotheses.library import (
     OTHER_LAW,
     OTHER_SOIL_LAW,

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from terrain_estimator.discovery.evidence.isolability import between, signatures, stages_of
-from terrain_estimator.discovery.evidence.search import Study
+from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import read_thresholds
 from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of

@@ -9,7 +9,7 @@ from typing import Any, cast
 import pytest
 import torch
 
-from terrain_estimator.discovery.evidence.search import Candidate, Study
+from terrain_estimator.discovery.evidence.study import Candidate, Study
 from terrain_estimator.discovery.evidence.verdict import Gains, Judgement, Verdict
 from terrain_estimator.discovery.hypotheses.library import NOTHING, singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of

@@ -8,8 +8,9 @@ import pytest
 import torch
 import yaml
 
-from terrain_estimator.discovery.evidence.search import Study
-from terrain_estimator.discovery.evidence.soil_revision import COMMON_SD, revised
+from terrain_estimator.discovery.evidence.common_constants import COMMON_SD
+from terrain_estimator.discovery.evidence.soil_revision import revised
+from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
@@ -111,7 +112,7 @@ def test_constants_are_not_revised_where_the_soil_file_is_right() -> None:
 
 def test_the_constants_have_a_price() -> None:
     with torch.inference_mode():
-        there = revised(study(0.0, "loose_sand"), study(0.0, "loose_sand").nominal)
+        there = revised(study(0.0, "loose_sand"), study(0.0, "loose_sand").nothing)
     assert there is not None
     assert there.price > 10.0
     assert there.gain(there.study.nothing, study(0.0, "loose_sand")) < 0.0

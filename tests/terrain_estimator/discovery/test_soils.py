@@ -7,7 +7,7 @@ from functools import cache
 
 import torch
 
-from terrain_estimator.discovery.evidence.search import Study
+from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
 from terrain_estimator.discovery.proof.proof import prove
 from terrain_estimator.discovery.runs import Blocks, RecordedRun, cut

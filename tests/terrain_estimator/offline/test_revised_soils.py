@@ -36,7 +36,9 @@ def outcome(*names: str, soil: SoilProof | None = None, proof: Any = None) -> Pr
     study: Any = None
     judgement = Judgement(Verdict.SOIL, (), {"soil": 1.0})
     nothing: Any = None
-    finding = Finding(judgement, nothing, (), nothing, (), RevisedStudy(study, revisions, 0.0))
+    finding = Finding(
+        judgement, nothing, (), nothing, (), RevisedStudy(study, revisions, 0.0, nothing)
+    )
     return Proven(finding, proof, soil)
 
 

@@ -35,6 +35,7 @@ class Fit:
     """The most probable point of one hypothesis."""
 
     point: Point
+    origin: Point  # at which the equations were evaluated, a step before
     objective: float  # misfit and priors at the minimum, as the last step predicts it
     log_evidence: float  # [nat] up to a constant of the runs
     given: (
@@ -140,6 +141,13 @@ def _moved(point: Point, owns: list[Tensor], move: Tensor, share: float) -> Poin
     return Point(tuple(runs), point.shared + share * move)
 
 
+def _first_share(move: Tensor, shared: Shared) -> float:
+    """Return the largest share of a step, at most 1, that no shared unknown refuses as too long."""
+    if shared.longest is None:
+        return 1.0
+    return 1.0 / max(1.0, float((move.abs() / shared.longest).max()))
+
+
 def fit(
     evaluate: Evaluate,
     start: Point,
@@ -149,35 +157,40 @@ def fit(
     *,
     most: int = 8,
     settled: float = SETTLED,
+    daring: int = 0,
 ) -> Fit:
     """Minimise the objective from ``start``.
 
     ``columns`` [B, Q, F] of each run are those of a discrepancy. ``known`` [B, Q, M] are each run's
     columns of the soil constants where they are known well enough from another fit: they need four
-    fifths of the time. A step that does not lower the objective is halved.
+    fifths of the time. A step that does not lower the objective is shortened, but the first
+    ``daring`` ones, which may lead over a ridge.
     """
     point, share = start, 1.0
-    best: tuple[Point, _Normal, float] | None = None
+    best: tuple[Point, _Normal, float] | None = None  # from which steps are made
+    lowest: tuple[Point, _Normal, float] | None = None
     iteration = 0
     while iteration < most:
         iteration += 1
         equations = evaluate(_asks(point, shared, columns, known))
         normal = _normal(point, equations, shared)
         worse = best is not None and not normal.objective < best[1].objective + _TOLERANCE
-        if worse and best is not None and share > _SHORTEST:
+        if worse and iteration > daring and best is not None and share > _SHORTEST:
             share *= 0.4
             owns, move, _ = _step(best[1], best[0], shared)
             point = _moved(best[0], owns, move, share)
             continue
         owns, move, promised = _step(normal, point, shared)
-        best, share = (point, normal, promised), 1.0
+        best, share = (point, normal, promised), _first_share(move, shared)
+        if lowest is None or normal.objective < lowest[1].objective + _TOLERANCE:
+            lowest = best
         if promised < settled + _RELATIVE * max(
             normal.objective - sum(each.degrees for each in equations), 0.0
         ):
             break
-        point = _moved(point, owns, move, 1.0)
-    assert best is not None
-    return _finished(best, shared, iteration)
+        point = _moved(point, owns, move, share)
+    assert lowest is not None
+    return _finished(lowest, shared, iteration)
 
 
 _TOLERANCE = 0.5
@@ -220,7 +233,6 @@ def predict(
     ``before`` are the equations of a fit from which the start was taken: columns of the soil
     constants and inputs around which to expand are theirs.
     """
-    count = start.shared.shape[0]
     queries = _asks(start, shared, columns, [each.by_constant for each in before])
     equations = evaluate(
         [
@@ -228,6 +240,14 @@ def predict(
             for query, each in zip(queries, before, strict=True)
         ]
     )
+    return predict_from(equations, start, shared, spreads)
+
+
+def predict_from(
+    equations: Sequence[Equations], start: Point, shared: Shared, spreads: Spreads | None = None
+) -> Fit:
+    """Predict the minimum from the equations of every run at ``start``, as :func:`predict`."""
+    count = start.shared.shape[0]
     normal = _normal(start, equations, shared)
     for _ in range(_REWEIGHTED):
         owns, move, _ = _step(normal, start, shared)
@@ -246,6 +266,7 @@ def predict(
     found = _moved(start, owns, move, 1.0)
     return Fit(
         found,
+        start,
         objective,
         evidence,
         _given(objective, normal, found, shared),
@@ -292,6 +313,7 @@ def _finished(best: tuple[Point, _Normal, float], shared: Shared, iterations: in
     covariance = torch.cholesky_inverse(factor)
     return Fit(
         final,
+        point,
         objective,
         evidence,
         _given(objective, normal, final, shared),

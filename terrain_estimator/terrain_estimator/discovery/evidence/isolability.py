@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.evidence.expected import Stage, loss, stage
-from terrain_estimator.discovery.evidence.search import Candidate, Study
+from terrain_estimator.discovery.evidence.study import Candidate, Study
 from terrain_estimator.discovery.hypotheses.equations import RunEquations
 from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis
 from terrain_estimator.discovery.hypotheses.rows import Expansion, HypothesisRows, Nominal

@@ -3,29 +3,25 @@
 """Soil constants that differ from those of the soil file, found from the runs.
 
 A soil file that is wrong looks like a missing effect. So the constants compete with the effects:
-fits with a wide prior say which constants the runs have in common, and a study on these is judged
-by its evidence like any other explanation, less the price of the constants.
+one fit says which constants the runs have in common, and a study on these is judged by its evidence
+like any other explanation, less the price of the constants.
 """
 
 import dataclasses
 import math
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from rover_parameters.records import ConfigError, build
-from terrain_estimator.discovery.evidence.search import Candidate, Study
-from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis
+from terrain_estimator.discovery.evidence.common_constants import (
+    COMMON_SD,
+    changed_constants,
+    fit_together,
+)
+from terrain_estimator.discovery.evidence.study import Candidate, Study
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
 from terramechanics.terrain.soil import CONSTANTS, Soil
-
-STEP_SD = 0.2
-"""[1] Relative prior deviation of the constants of each run while common ones are searched."""
-COMMON_SD = 0.5
-"""[1] Relative prior deviation of the constants that the runs of a soil have in common."""
-ROUNDS = 2
-"""Fits, each around the constants that the one before has found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,49 +50,42 @@ class RevisedStudy:
     study: Study
     revisions: tuple[Revision, ...]
     price: float  # [nat] of the constants that were fitted to the runs
+    beside: Candidate  # the hypothesis beside which they were fitted
 
     def gain(self, candidate: Candidate, told: Study) -> float:
         """Return the gain [nat] of a candidate here over nothing on the soils as told."""
         return candidate.fit.log_evidence - self.price - told.nothing.fit.log_evidence
 
 
-def revised(study: Study, told: Nominal, hypothesis: Hypothesis = NOTHING) -> RevisedStudy | None:
-    """Return the study on the constants that the runs have in common under a hypothesis.
+def revised(told: Study, start: Candidate, at: Study | None = None) -> RevisedStudy | None:
+    """Return the study on the constants that the runs have in common beside a hypothesis.
 
-    ``told`` is the nominal model with the soil files; ``study`` may be on revised soils already.
-    None where the constants that fit are none of a soil.
+    ``told`` is on the soil files; ``start`` is a fit of the hypothesis to the runs on the soils of
+    ``at``, by default those of the files. None where the constants that fit are none of a soil.
     """
-    here = study
-    for _ in range(ROUNDS):
-        wide = _with_prior(here.nominal, STEP_SD)
-        there = Study(wide, here.runs, here.mask, here.contributions)
-        found = there.explain(hypothesis) if hypothesis.effects else there.nothing
-        try:
-            soils = _common(there, found)
-        except ConfigError:
-            return None
-        nominal = dataclasses.replace(told, revised=tuple(soils.items()))
-        here = Study(nominal, here.runs, here.mask, here.contributions)
-    return RevisedStudy(here, *_revisions(here, told))
+    together = fit_together(told, start, (at or told).nominal)
+    effects = len(start.hypothesis.shared().step)
+    values, changes = together.point.shared[:effects], together.point.shared[effects:]
+    try:
+        soils = _changed(told, changes)
+    except ConfigError:
+        return None
+    nominal = dataclasses.replace(told.nominal, revised=tuple(soils.items()))
+    point = together.point.with_shared(values)
+    there = Study(nominal, told.runs, told.mask, told.contributions, point.with_shared(values[:0]))
+    beside = there.fit_from(start.hypothesis, point) if effects else there.nothing
+    return RevisedStudy(there, *_revisions(there, told.nominal), beside)
 
 
-def _with_prior(nominal: Nominal, constants_sd: float) -> Nominal:
-    prior = dataclasses.replace(nominal.prior, constants_sd=constants_sd)
-    wide = nominal_of(nominal.rover, nominal.soil, prior)
-    return dataclasses.replace(wide, revised=nominal.revised)
-
-
-def _common(study: Study, found: Candidate) -> dict[Soil, Soil]:
-    """Return the soils with the mean constants of their runs, by the soils as told.
+def _changed(study: Study, changes: Tensor) -> dict[Soil, Soil]:
+    """Return the soils whose constants have changed by ``changes`` [S M], by the soils as told.
 
     Raises ConfigError where a soil cannot have such constants.
     """
-    values: dict[Soil, list[Tensor]] = {}
-    for run, own in zip(study.runs, found.fit.point.runs, strict=True):
-        ground = study.nominal.of(run)
-        constants = ground.contact.constants + own.kappa @ ground.uncertain
-        values.setdefault(run.soil or study.nominal.soil, []).append(constants)
-    return {told: _soil(told, torch.stack(each).mean(0)) for told, each in values.items()}
+    soils, found = list(dict.fromkeys(study.soils)), {}
+    for told, change in zip(soils, changes.view(len(soils), -1), strict=True):
+        found[told] = _soil(told, changed_constants(study.nominal, told, change))
+    return found
 
 
 def _soil(told: Soil, constants: Tensor) -> Soil:

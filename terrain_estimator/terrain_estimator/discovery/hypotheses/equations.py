@@ -51,6 +51,18 @@ class Query:
 
 
 @dataclass(frozen=True, slots=True)
+class Averages:
+    """Weights of observations in the rows of their block."""
+
+    weight: Tensor  # [B, n, Q]
+    measured: Tensor  # [B, 2] mean velocity and its variance
+
+    def of(self, values: Tensor) -> Tensor:
+        """Return rows [..., B, n, R] of observations as rows of blocks [..., B, Q]."""
+        return (torch.cat([values[..., :1], values], -1) * self.weight).sum(-2)
+
+
+@dataclass(frozen=True, slots=True)
 class Equations:
     """One run's quadratic model around a point; the shared unknowns come last."""
 
@@ -69,18 +81,9 @@ class Equations:
     )
     degrees: int  # rows that are present
     around: Expansion  # of the rows
-
-
-@dataclass(frozen=True, slots=True)
-class Averages:
-    """Weights of observations in the rows of their block."""
-
-    weight: Tensor  # [B, n, Q]
-    measured: Tensor  # [B, 2] mean velocity and its variance
-
-    def of(self, values: Tensor) -> Tensor:
-        """Return rows [..., B, n, R] of observations as rows of blocks [..., B, Q]."""
-        return (torch.cat([values[..., :1], values], -1) * self.weight).sum(-2)
+    average: Averages
+    error: Tensor  # [B n, E] most likely error of each source of noise
+    corrected: Tensor  # [B, n, R] rows less targets at the most likely inputs
 
 
 def _block_shape(values: Tensor, blocks: int, lead: int) -> Tensor:
@@ -187,7 +190,8 @@ class RunEquations:
         known = query.known if changes is None else _by_constant(changes, average, error)
         assert known is not None
         own = [_by_theta(rows, average, error), known, fixed]
-        by_size = self._by_size(query, point, around, rows, average, error)
+        corrected = _corrected(rows, theta, error)
+        by_size = self._by_size(query, around, average, error, corrected)
         jacobian = torch.cat([*own, *(column.unsqueeze(-1) for column in by_size), columns], -1)
         shared = len(query.sizes) + query.weights.shape[0]
         hessian, gradient = assembled(jacobian, factor, weighted, self._blocks.ends, shared)
@@ -205,6 +209,9 @@ class RunEquations:
             jacobian=jacobian,
             degrees=int(present.sum()),
             around=around,
+            average=average,
+            error=error.flatten(0, 2),
+            corrected=corrected,
         )
 
     def shortfall(self, unknowns: Unknowns, sizes: tuple[float, ...], around: Expansion) -> Tensor:
@@ -233,22 +240,15 @@ class RunEquations:
         return short - (fixed @ joined.unsqueeze(-1)).squeeze(-1)
 
     def _by_size(
-        self,
-        query: Query,
-        point: LinearizationPoint,
-        around: Expansion,
-        rows: Rows,
-        average: Averages,
-        error: Tensor,
+        self, query: Query, around: Expansion, average: Averages, error: Tensor, base: Tensor
     ) -> list[Tensor]:
-        """Return the change of the rows [B, Q] by each size, as differences of whole rows."""
-        theta = torch.cat([point.theta, torch.ones(1, dtype=torch.float64)])
-        base, found = _corrected(rows, theta, error), []
+        """Return the change of the rows [B, Q] by each size, from ``base`` at likely inputs."""
+        unknowns, found = query.unknowns, []
         for k, step in enumerate(query.steps):
-            sizes = tuple(size + step * (n == k) for n, size in enumerate(point.values))
-            moved = LinearizationPoint(point.theta, point.kappa, sizes)
-            varied = self._rows.rows(moved, around)
-            found.append(average.of((_corrected(varied, theta, error) - base) / step))
+            sizes = tuple(size + step * (n == k) for n, size in enumerate(query.sizes))
+            moved = LinearizationPoint(unknowns.theta, unknowns.kappa, sizes)
+            varied = self._rows.corrected(moved, around, error.flatten(0, 2))
+            found.append(average.of((varied.view(base.shape) - base) / step))
         return found
 
     def _fixed(self, present: Tensor) -> Tensor:

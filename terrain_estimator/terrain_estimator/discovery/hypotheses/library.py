@@ -62,6 +62,7 @@ class Shared:
     high: Tensor
     sd: Tensor  # [K] prior deviations, mean zero
     step: tuple[float, ...]  # of differences by each size
+    longest: Tensor | None = None  # [K] largest change in one step of a fit; None: any
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,8 +23,14 @@ from terrain_estimator.model.rows import (
     Forces,
     Frame,
     Rows,
+    frame_of,
+    measured_forces,
+    places,
+    read_forces,
     rows_of_forces,
+    usable_wheels,
     values_alone,
+    varied_inputs,
 )
 from terrain_estimator.model.stencil import OWN, stencil
 from terramechanics.contact.laws import keeps_ruts
@@ -52,10 +58,13 @@ class Nominal:
     revised: tuple[tuple[Soil, Soil], ...] = ()
     """Soils as told, and the soils that runs on them have."""
 
+    def soil_of(self, told: Soil) -> Soil:
+        """Return the soil that runs on a soil as told have."""
+        return dict(self.revised).get(told, told)
+
     def of(self, run: Blocks) -> "Nominal":
         """Return the nominal model on the soil of a run."""
-        told = run.soil or self.soil
-        soil = dict(self.revised).get(told, told)
+        soil = self.soil_of(run.soil or self.soil)
         if soil == self.soil and not self.revised:
             return self
         return nominal_of(self.rover, soil, self.prior)
@@ -150,6 +159,16 @@ class HypothesisRows:
         contact = values_alone(self._contact(point))
         return rows_of_forces(*self._measured(point, contact, *around))
 
+    def corrected(self, point: LinearizationPoint, around: Expansion, error: Tensor) -> Tensor:
+        """Return rows less targets [n, R] at inputs with the ``error`` [n, E] of each source.
+
+        What :meth:`rows` gives for them too, in a third of the time.
+        """
+        frame, forces = self._measured(point, values_alone(self._contact(point)), *around)
+        theta = torch.cat([point.theta, torch.ones_like(point.theta[:1])])
+        acting = Changes(frame.levers, Forces(*(each @ theta for each in forces)))
+        return acting.at(error)[0] + frame.tilt * error[:, -1:] - frame.target
+
     def rows_and_changes(
         self, point: LinearizationPoint, around: Expansion
     ) -> tuple[Rows, Changes]:
@@ -166,13 +185,23 @@ class HypothesisRows:
         input_correction: Tensor,
         doubt: Tensor | None = None,
     ) -> tuple[Frame, Forces]:
-        return self._rows.measured(
-            self._observed,
-            input_correction,
-            contact,
-            _tensor(point.values),
-            point.theta * contact.column_unit[:2],
-            doubt,
+        """Return what :meth:`EffectRows.measured` does, with a frame that may be remembered."""
+        values, observed = _tensor(point.values), self._observed
+        packed, loaded = (
+            self._rows.corrected(observed, values),
+            self._rows.loaded(contact, values),
+        )
+        frame = _frame(packed, loaded)
+        place = places(packed + input_correction, frame, loaded)
+        varied = varied_inputs(place, loaded)
+        strength = point.theta * contact.column_unit[:2]
+        ruts = self._rows.ruts(place.slip, place.sinkage, observed.rut, loaded)
+        inputs = ContactInputs(
+            varied.slip, varied.sinkage, varied.constants, strength.view(1, 1, 2), rut=ruts
+        )
+        forces = self._rows.forces(inputs, observed.wheel_rate, loaded, values)
+        return frame, measured_forces(
+            frame, place, read_forces(forces, varied.scale, loaded, doubt)
         )
 
     def _contact(self, point: LinearizationPoint) -> ContactModel:
@@ -235,6 +264,29 @@ class RememberedIntegrals(nn.Module):
         while self._bytes > REMEMBERED and len(self._known) > 1:
             self._bytes -= self._known.popitem(last=False)[1].nbytes
         return forces
+
+
+FRAMES = 24
+"""Frames that a process remembers, about 1 MB for a minute."""
+_FRAMES: OrderedDict[tuple[object, ...], Frame] = OrderedDict()
+
+
+def _frame(packed: Tensor, contact: ContactModel) -> Frame:
+    """Return the frame of observations [n, P], an earlier one where its inputs are the same.
+
+    Effects in the contact leave it alone, and so do c, tan phi and soil constants, but for wheels
+    that are no longer usable.
+    """
+    body = contact.geometry
+    placed = (body.axle_x, body.centre, body.pivot, body.carried, contact.body_scale)
+    parts = (packed, usable_wheels(packed, contact), *placed)
+    key = (contact.gravity, *(_bytes(each) for each in parts))
+    if key not in _FRAMES:
+        _FRAMES[key] = frame_of(packed, contact)
+        if len(_FRAMES) > FRAMES:
+            _FRAMES.popitem(last=False)
+    _FRAMES.move_to_end(key)
+    return _FRAMES[key]
 
 
 @cache

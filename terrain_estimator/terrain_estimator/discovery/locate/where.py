@@ -20,7 +20,7 @@ import torch
 from scipy.stats import t as student
 from torch import Tensor
 
-from terrain_estimator.discovery.evidence.search import Study
+from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.locate.regions import Region, axle_name, regions
 from terrain_estimator.discovery.locate.whitening import innovations, whitening

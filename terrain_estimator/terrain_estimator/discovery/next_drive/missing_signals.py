@@ -26,7 +26,7 @@ from terrain_estimator.discovery.evidence.isolability import (
     stages_of,
     table,
 )
-from terrain_estimator.discovery.evidence.search import Candidate, Study
+from terrain_estimator.discovery.evidence.study import Candidate, Study
 from terrain_estimator.discovery.hypotheses.equations import Equations, Query, RunEquations
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.hypotheses.rows import (

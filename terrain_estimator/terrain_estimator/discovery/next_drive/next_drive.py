@@ -22,7 +22,7 @@ from terrain_estimator.discovery.evidence.isolability import (
     signatures,
     stages_of,
 )
-from terrain_estimator.discovery.evidence.search import Candidate, Study, velocities_of
+from terrain_estimator.discovery.evidence.study import Candidate, Study, velocities_of
 from terrain_estimator.discovery.hypotheses.equations import Query, RunEquations
 from terrain_estimator.discovery.hypotheses.library import TYPICAL, Hypothesis
 from terrain_estimator.discovery.hypotheses.rows import HypothesisRows, Nominal

@@ -27,7 +27,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.evidence.fit import Fit
-from terrain_estimator.discovery.evidence.search import Candidate, Study
+from terrain_estimator.discovery.evidence.study import Candidate, Study
 from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
 from terrain_estimator.discovery.hypotheses.contributions import Contributions, here
 from terrain_estimator.discovery.hypotheses.equations import Equations, assembled

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from terrain_estimator.discovery.evidence.search import Candidate, Study
+from terrain_estimator.discovery.evidence.study import Candidate, Study
 from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
 from terrain_estimator.discovery.hypotheses.contributions import Contributions, here
 from terrain_estimator.discovery.hypotheses.rows import Nominal

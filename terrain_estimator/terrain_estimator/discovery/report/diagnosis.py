@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from terrain_estimator.discovery.evidence.isolability import Isolability, isolability
-from terrain_estimator.discovery.evidence.search import Study
+from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.locate.where import RowDisagreement, disagreements

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import torch
 
 from terrain_estimator.discovery.evidence.search import (
-    Candidate,
-    Study,
+    Foreseen,
     bettered,
     foresee,
     further,
@@ -19,6 +18,7 @@ from terrain_estimator.discovery.evidence.search import (
     search,
 )
 from terrain_estimator.discovery.evidence.soil_revision import RevisedStudy, revised
+from terrain_estimator.discovery.evidence.study import Candidate, Study
 from terrain_estimator.discovery.evidence.verdict import (
     SECOND_SHARE,
     Gains,
@@ -67,6 +67,62 @@ class Finding:
         return next(each for each in self.candidates if each.hypothesis == hypothesis)
 
 
+@dataclass(frozen=True, slots=True)
+class _Singles:
+    """What single effects explain of the runs of a study."""
+
+    free: Candidate  # nothing with a discrepancy
+    foreseen: list[Foreseen]
+    found: list[Candidate]  # the most probable first
+    best_with: Candidate  # the most probable with a discrepancy
+    gains: Gains
+
+    @property
+    def left(self) -> float:
+        """What the best of them leaves [nat]."""
+        return self.gains.explainable - self.gains.best
+
+
+@dataclass(frozen=True, slots=True)
+class _Revision:
+    """What was found on revised constants of the soils, in gains over nothing on those told."""
+
+    there: RevisedStudy
+    found: Finding
+    alone: float  # [nat] constants alone, where they explained more than any effect; else 0
+    explains: float  # [nat] constants and what is named on them
+
+    def closes(self, gains: Gains, thresholds: Thresholds) -> bool:
+        """Return whether this closes nearly all that the best effect leaves, see is_pair."""
+        name = gains.single or gains.best
+        left = max(gains.explainable, self.explains) - name
+        return self.explains - name >= max(thresholds.anything, SECOND_SHARE * left)
+
+    @property
+    def finding(self) -> Finding:
+        """The finding with these constants as a part of it."""
+        judgement = _besides_soil(self.found.judgement)
+        return dataclasses.replace(self.found, soil=self.there, judgement=judgement)
+
+    def weighed(self, told: Finding, thresholds: Thresholds) -> Finding:
+        """Return this where it explains enough, else ``told``.
+
+        What the constants explain is there to be explained then, too.
+        """
+        gains = told.gains
+        if self.alone > (gains.single or gains.best):
+            enough = self.explains >= thresholds.share * max(gains.explainable, self.explains)
+        else:
+            enough = self.closes(gains, thresholds)
+        if enough and self.explains > gains.best:
+            return self.finding
+        gains = dataclasses.replace(gains, nothing_with=max(gains.nothing_with, self.explains))
+        judgement = judge(gains, thresholds)
+        chances = told.judgement.probabilities | judgement.probabilities
+        judgement = dataclasses.replace(judgement, probabilities=chances)
+        return dataclasses.replace(told, gains=gains, judgement=judgement)
+
+
 def investigate(
     study: Study,
     hypotheses: Sequence[Hypothesis],
@@ -75,56 +131,69 @@ def investigate(
 ) -> Finding:
     """Search what is missing: effects, other constants of the soils, or both.
 
-    The constants count like an effect. Where they explain more than any name, the search begins
-    anew on the constants found, and its verdict holds if they close the ``share``; else they are
-    the second of a pair, see :func:`is_pair`. A prior without doubt of the constants leaves them.
+    The constants count like an effect and are tried where the best one leaves something: alone,
+    then beside it. They are the answer where they close nearly all of that, with what is found on
+    them and more than a pair of effects promises. Else pairs are tried, and the constants are
+    weighed again. A prior without doubt of the constants leaves them.
     """
-    told = _searched(
-        study, hypotheses, thresholds, lambda share, label: progress(0.5 * share, label)
-    )
-    if told.judgement.verdict is Verdict.NONE or study.nominal.prior.constants_sd == 0.0:
-        return told
-    progress(0.5, "soil constants")
-    name = told.gains.single or told.gains.best
-    left = told.gains.explainable - name
-    there = revised(study, study.nominal)
-    alone = there is not None and there.gain(there.study.nothing, study) > name
-    if not alone:
-        if left < thresholds.anything:
-            return told
-        first = next(each for each in told.candidates if len(each.hypothesis.effects) == 1)
-        there = revised(study, study.nominal, first.hypothesis)
-        if there is None:
-            return told
-        gained = there.gain(there.study.explain(first.hypothesis), study) - name
-        if gained < max(thresholds.anything, PROMISING * left):
-            return told
-    assert there is not None
-    found, there = _on_revised(
-        study,
-        there,
-        hypotheses,
-        thresholds,
-        lambda share, label: progress(0.55 + 0.4 * share, label),
-    )
-    explains = there.gain(_answer(found), study)
-    explainable = max(told.gains.explainable, explains)
-    if alone:
-        accepted = explains >= thresholds.share * explainable
-    else:
-        needed = max(thresholds.anything, SECOND_SHARE * (explainable - name))
-        accepted = explains - name >= needed and explains > told.gains.best
-    if accepted:
-        return dataclasses.replace(found, soil=there, judgement=_besides_soil(found.judgement))
-    # What the constants explain is there to be explained, too.
-    gains = dataclasses.replace(told.gains, nothing_with=max(told.gains.nothing_with, explains))
-    chances = told.judgement.probabilities | judge(gains, thresholds).probabilities
-    judgement = dataclasses.replace(judge(gains, thresholds), probabilities=chances)
-    return dataclasses.replace(told, gains=gains, judgement=judgement)
+    single = _singles(study, hypotheses, thresholds, _part(progress, 0.0, 0.3))
+    doubted = study.nominal.prior.constants_sd > 0.0
+    revision: _Revision | None = None
+    if doubted and single.left >= thresholds.anything:
+        progress(0.3, "soil constants")
+        there = _promising(study, single.found[0], single.gains, thresholds)
+        if there is not None:
+            revision = _on_revised(study, there, hypotheses, thresholds, _part(progress, 0.35, 0.6))
+            if revision.closes(single.gains, thresholds) and (
+                revision.found.judgement.verdict is Verdict.NONE
+                or revision.explains > _foreseen_pair(study, hypotheses, single.found[0])
+            ):
+                return revision.finding
+    told = _completed(study, hypotheses, thresholds, single, _part(progress, 0.6, 0.8))
+    first = next(each for each in told.candidates if len(each.hypothesis.effects) == 1)
+    tried = revision is not None and revision.alone > (told.gains.single or told.gains.best)
+    if doubted and not tried and first.hypothesis != single.found[0].hypothesis:
+        there = _promising(study, first, told.gains, thresholds)
+        if there is not None:
+            revision = _on_revised(study, there, hypotheses, thresholds, _part(progress, 0.8, 1.0))
+    return told if revision is None else revision.weighed(told, thresholds)
+
+
+def _foreseen_pair(study: Study, hypotheses: Sequence[Hypothesis], first: Candidate) -> float:
+    """Return the largest foreseen gain [nat] of ``first`` with another effect."""
+    foreseen = foresee(study, _pairs(hypotheses, first), lambda _share, _label: None, first)
+    base = study.nothing.fit.log_evidence
+    return foreseen[0].log_evidence - base if foreseen else first.fit.log_evidence - base
+
+
+def _promising(
+    study: Study, first: Candidate, gains: Gains, thresholds: Thresholds
+) -> RevisedStudy | None:
+    """Return the study on constants that explain more than the best effect, or much beside it.
+
+    ``first`` is that effect; None where it leaves nothing, or no such constants are found.
+    """
+    name = gains.single or gains.best
+    left = gains.explainable - name
+    if left < thresholds.anything:
+        return None
+    alone = revised(study, study.nothing)
+    if alone is not None and alone.gain(alone.beside, study) > name:
+        return alone
+    there = revised(study, first)
+    least = max(thresholds.anything, PROMISING * left)
+    if there is None or there.gain(there.beside, study) - name < least:
+        return None
+    return there
 
 
 PROMISING = 0.5
 """[1] Share of what the best name leaves that revised constants explain beside it at least."""
+
+
+def _part(progress: ProgressCallback, first: float, last: float) -> ProgressCallback:
+    """Return the progress of a part of the work."""
+    return lambda share, label: progress(first + (last - first) * share, label)
 
 
 def _on_revised(
@@ -133,29 +202,22 @@ def _on_revised(
     hypotheses: Sequence[Hypothesis],
     thresholds: Thresholds,
     progress: ProgressCallback,
-) -> tuple[Finding, RevisedStudy]:
-    """Search on revised constants, and again on those that fit beside the best name."""
-    found = _searched(
-        there.study, hypotheses, thresholds, lambda share, label: progress(0.5 * share, label)
-    )
-    if found.judgement.verdict is Verdict.NONE:
-        return found, there
-    beside = revised(there.study, study.nominal, found.best.hypothesis)
-    if beside is None:
-        return found, there
-    again = beside.study.refine(beside.study.explain(found.best.hypothesis))
-    if beside.gain(again, study) - there.gain(found.best, study) < thresholds.anything:
-        return found, there
-    return _searched(
-        beside.study,
-        hypotheses,
-        thresholds,
-        lambda share, label: progress(0.5 + 0.5 * share, label),
-    ), beside
-
-
-def _answer(found: Finding) -> Candidate:
-    return found.nothing if found.judgement.verdict is Verdict.NONE else found.best
+) -> _Revision:
+    """Search on revised constants, or on those that fit beside the best effect there."""
+    alone = 0.0 if there.beside.hypothesis.effects else there.gain(there.beside, study)
+    single = _singles(there.study, hypotheses, thresholds, _part(progress, 0.0, 0.4))
+    best = single.found[0]
+    something = single.gains.explainable >= thresholds.anything
+    if something and best.hypothesis != there.beside.hypothesis:
+        beside = revised(study, best, there.study)
+        if beside is not None:
+            gained = beside.gain(beside.beside, study) - there.gain(best, study)
+            if gained >= thresholds.anything:
+                there = beside
+                single = _singles(there.study, hypotheses, thresholds, _part(progress, 0.4, 0.6))
+    found = _completed(there.study, hypotheses, thresholds, single, _part(progress, 0.6, 1.0))
+    answer = found.nothing if found.judgement.verdict is Verdict.NONE else found.best
+    return _Revision(there, found, alone, there.gain(answer, study))
 
 
 def _besides_soil(judgement: Judgement) -> Judgement:
@@ -166,35 +228,43 @@ def _besides_soil(judgement: Judgement) -> Judgement:
     return dataclasses.replace(judgement, verdict=verdict, probabilities=chances)
 
 
-def _searched(
+def _singles(
     study: Study,
     hypotheses: Sequence[Hypothesis],
     thresholds: Thresholds,
     progress: ProgressCallback,
-) -> Finding:
-    """Fit all hypotheses, pairs with the best one where it leaves something, and judge."""
-    progress(0.05, "nothing missing")
+) -> _Singles:
+    """Fit all effects that promise something."""
+    progress(0.0, "nothing missing")
     free = study.with_discrepancy(study.nothing)
-    foreseen = foresee(study, hypotheses, lambda share, label: progress(0.1 + 0.2 * share, label))
-    found = search(study, foreseen, lambda share, label: progress(0.3 + 0.2 * share, label))
+    foreseen = foresee(study, hypotheses, _part(progress, 0.1, 0.5))
+    found = search(study, foreseen, _part(progress, 0.5, 1.0))
     base = study.nothing.fit.log_evidence
     # Where neither a name nor the discrepancy comes near to gaining anything, both together do not
     # either.
     clear = max(found[0].fit.log_evidence, free.fit.log_evidence) - base < 0.5 * thresholds.anything
     best_with = found[0] if clear else study.with_discrepancy(found[0])
     gains = gains_of(study.nothing, found, free, best_with)
+    return _Singles(free, foreseen, found, best_with, gains)
+
+
+def _completed(
+    study: Study,
+    hypotheses: Sequence[Hypothesis],
+    thresholds: Thresholds,
+    single: _Singles,
+    progress: ProgressCallback,
+) -> Finding:
+    """Fit again what may explain more, pairs where the best leaves something, and judge."""
+    found, gains, best_with, free = single.found, single.gains, single.best_with, single.free
     if gains.explainable - gains.best >= thresholds.anything:
-        again = further(
-            study, foreseen, found, lambda share, label: progress(0.5 + 0.1 * share, label)
-        )
+        again = further(study, single.foreseen, found, _part(progress, 0.0, 0.2))
         found, first = bettered(found, again), found[0]
         if found[0] is not first:
             best_with = study.with_discrepancy(found[0])
         gains = gains_of(study.nothing, found, free, best_with)
     if gains.explainable - gains.best >= thresholds.anything:
-        pairs = _beside(
-            study, hypotheses, found[0], lambda share, label: progress(0.6 + 0.35 * share, label)
-        )
+        pairs = _beside(study, hypotheses, found[0], _part(progress, 0.2, 0.9))
         if pairs:
             alone = bettered(found, members(study, pairs[0]))
             if alone[0] is not found[0]:
@@ -210,27 +280,23 @@ def _searched(
     # What one evaluation already showed to be far behind was not fitted.
     unlikely = {name: 0.0 for hypothesis in hypotheses for name in hypothesis.names}
     judgement = dataclasses.replace(judgement, probabilities=unlikely | judgement.probabilities)
-    return Finding(
-        judgement,
-        gains,
-        tuple(found),
-        study.nothing,
-        tuple(leftovers(best_with)),
-    )
+    return Finding(judgement, gains, tuple(found), study.nothing, tuple(leftovers(best_with)))
 
 
 def _beside(
     study: Study, hypotheses: Sequence[Hypothesis], first: Candidate, progress: ProgressCallback
 ) -> list[Candidate]:
     """Return the most probable pairs of ``first`` and another effect."""
-    names = set(first.hypothesis.names)
-    others = [
-        together(first.hypothesis, each) for each in hypotheses if not names & set(each.names)
-    ]
+    others = _pairs(hypotheses, first)
     if not others:
         return []
     foreseen = foresee(study, others, lambda share, label: progress(0.5 * share, label), first)
     return search(study, foreseen, lambda share, label: progress(0.5 + 0.5 * share, label), first)
+
+
+def _pairs(hypotheses: Sequence[Hypothesis], first: Candidate) -> list[Hypothesis]:
+    names = set(first.hypothesis.names)
+    return [together(first.hypothesis, each) for each in hypotheses if not names & set(each.names)]
 
 
 def gains_of(
