@@ -16,7 +16,7 @@ import torch
 
 from terrain_estimator.discovery.evidence.expected import Stage
 from terrain_estimator.discovery.evidence.isolability import Signature
-from terrain_estimator.discovery.hypotheses.equations import Equations
+from terrain_estimator.discovery.hypotheses.equations import Averages, Equations
 from terrain_estimator.discovery.hypotheses.rows import Expansion
 from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.proof.held_out import GroundEstimate, Half
@@ -31,8 +31,8 @@ from terramechanics.terrain.soil import Soil
 _APPLICATION = 0x7E44A1F2
 _TABLES = "CREATE TABLE pieces (key TEXT PRIMARY KEY, result BLOB NOT NULL) WITHOUT ROWID"
 _RECORDS: list[Callable[..., Any] | tuple[Callable[..., Any], str]] = [
-    Blocks, Equations, Expansion, GroundEstimate, Half, Judged, Prior, ReadRun, Rut, Signals,
-    Signature, Soil, Stage, Unknowns,
+    Averages, Blocks, Equations, Expansion, GroundEstimate, Half, Judged, Prior, ReadRun, Rut,
+    Signals, Signature, Soil, Stage, Unknowns,
 ]  # fmt: skip
 """Types of which a result may consist, beside plain ones; nothing else is ever unpickled."""
 
