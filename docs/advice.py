@@ -77,6 +77,10 @@ WHEN = {
         "model": _MODEL,
         "rover": _NAMES,
         "use_torque": f"{_TORQUE}, as in the estimator; the ground ahead is then not judged",
+        "use_sinkage": (
+            "to false if no sensor measures sinkages, or a poor one, as in the estimator; neither"
+            " sinkage_limit nor the ground ahead is then judged"
+        ),
         "use_imu": f"{_IMU}, as in the estimator",
         "period": (
             "to a shorter time if your loop reacts faster; one piece of advice takes 8 ms of"

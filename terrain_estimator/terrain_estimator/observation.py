@@ -16,9 +16,10 @@ class Observation:
     """One synchronous set of measurements, reduced to one value per axle (a planar rover).
 
     Arrays have shape ``[axles]``, front to rear. Every ``*_sd`` is one standard deviation of the
-    value before it. NaN means "not measured". Velocity and pitch are required, and slip, sinkage
-    and contact angle of every axle; torque, acceleration and the bogie's angle are optional. Roll,
-    lateral velocity and yaw rate tell whether the rover is planar at all, and nothing else.
+    value before it. NaN means "not measured". Velocity and pitch are required, and slip and
+    contact angle of every axle; so is sinkage, unless every torque and the bogie's angle are there.
+    Torque, acceleration and the bogie's angle are optional. Roll, lateral velocity and yaw rate
+    tell whether the rover is planar at all, and nothing else.
     """
 
     stamp_ns: int

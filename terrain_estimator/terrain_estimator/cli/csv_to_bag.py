@@ -114,7 +114,7 @@ def _hints(mapping: Mapping, rover: Rover) -> list[str]:
     hints += [
         f"{signal}: no column for {' and '.join(names)}: without a whole axle every observation is"
         " refused"
-        for signal in ("slip", "sinkage")
+        for signal in ("slip",)
         if mapping.measures(signal)
         for names in _unmeasured_axles(mapping, rover, signal)
     ]

@@ -85,6 +85,9 @@ class PlannerConfig:
     use_torque: bool = entry(
         "judge the ground under the front wheels by the wheel torques of joint_states", default=True
     )
+    use_sinkage: bool = entry(
+        "judge sinkages; without them the front wheels' ground is not judged either", default=True
+    )
     use_imu: bool = entry("use the pitch of imu; if false, that of odom", default=True)
     period_s: float = number(
         "time between two pieces of advice, by their stamps",

@@ -201,8 +201,19 @@ class Consistency:
         full = (test for test in tests if test.window in WINDOWS)
         wrong = next((test for test in full if test.fails(FALSE_ALARM)), None)
         doubted = next((test for test in tests if test.fails(DOUBTFUL)), None)
-        doubt = f"{doubted.words(DOUBTFUL)}, {self._row(doubted)}" if doubted else ""
+        doubt = f"{doubted.words(DOUBTFUL)}, {self._row(doubted)}" if doubted else self._unchecked()
         return ((self._disagreement(wrong),) if wrong else ()), doubt
+
+    def _unchecked(self) -> str:
+        """Return why the last seconds, which fit, confirm nothing; empty where they do.
+
+        Without sinkages a drag of the drives looks like another ground.
+        """
+        load = self.judged[-WINDOWS[0] :, 2 + self.rows.index("load")]
+        lacks = bool(np.isnan(load).any())
+        return (
+            "without sinkages nothing tells a drag of the drives from the ground" if lacks else ""
+        )
 
     def _disagreement(self, failed: Tested) -> Disagreement:
         row = self.rows[int(np.argmax(failed.shares()))]

@@ -18,7 +18,7 @@ from terrain_estimator.estimator.forecasting import Forecast, Forecasting
 from terrain_estimator.estimator.intake import Intake
 from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, State, judged
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
-from terrain_estimator.estimator.screening import Screening, screen
+from terrain_estimator.estimator.screening import Screening, screen, without_unused
 from terrain_estimator.estimator.soundness import unsound, unsound_answer, unsound_fit
 from terrain_estimator.estimator.summary import Beliefs, deviation, inflated, summarise
 from terrain_estimator.model.loaded import LoadedModel
@@ -113,7 +113,7 @@ class Estimator:
 
         The content of an observation never raises.
         """
-        observation = self._without_unused(observation)
+        observation = without_unused(observation, self._config)
         screening = screen(
             observation,
             self._last_stamp,
@@ -222,20 +222,6 @@ class Estimator:
         self._last = self._last_stamp = None
         self._forecasting.unlink()
 
-    def _without_unused(self, observation: Observation) -> Observation:
-        changes: dict[str, Floats | float] = {}
-        if not self._config.use_sinkage:
-            changes["sinkage"] = np.full_like(observation.sinkage, np.nan)
-        if not self._config.use_torque:
-            changes["torque"] = np.full_like(observation.torque, np.nan)
-        if not self._config.use_imu:
-            changes["acceleration"] = math.nan
-        if not self._config.use_moments:
-            changes["bogie_angle"] = math.nan
-        if not changes:
-            return observation
-        return dataclasses.replace(observation, **changes)  # type: ignore[arg-type]
-
     @property
     def _disagreements(self) -> tuple[Disagreement, ...]:
         """Reasons why the model does not fit, each of which withholds the estimate."""
@@ -276,6 +262,10 @@ class Estimator:
         torque = ground_torque(
             observation, self._last if linked else None, self._rover.wheel_inertia, step_s
         )
+        if math.isnan(observation.sinkage[0]) and not all(map(math.isfinite, torque)):
+            # the part that turns the wheel is unknown, and with it the torque on the ground
+            detail = "a sinkage is missing, and a wheel rate, too: measure one of them"
+            return Decision(Outcome.NOT_FINITE, (), _NAN, _NAN, 0, detail), None
         packed = pack(observation, torque, step_s, linked=linked, rates=bool(self._effects))
         state = self._runtime.update(self._state, packed)
         report = self._runtime.report(state)

@@ -69,9 +69,14 @@ def screen(
     )
     if refusal is not None:
         return Screening(refusal[0], observation, refusal[1])
-    if sinkage_needed and (missing := _without_sinkage(observation)):
+    missing = _without_sinkage(observation)
+    if missing and sinkage_needed:
         return Screening(Outcome.NOT_FINITE, observation, _named(missing))
-    return _mask(observation, rims, rover.wheel_radius, config)
+    screening = _mask(observation, rims, rover.wheel_radius, config)
+    if missing and screening.outcome.used and (lacking := _lacking(screening.observation)):
+        detail = f"{_named(missing)}; to do without it, measure {lacking}"
+        return Screening(Outcome.NOT_FINITE, observation, detail)
+    return screening
 
 
 def impossible(observation: Observation, wheel_radius_m: float) -> str:
@@ -213,9 +218,6 @@ def _mask(
     masked = observation
     if details:
         masked = dataclasses.replace(observation, **changes)  # type: ignore[arg-type]
-    if missing and (lacking := _lacking_for_balances(masked)):
-        detail = f"{_named(missing)}; to do without it, measure {lacking}"
-        return Screening(Outcome.NOT_FINITE, observation, detail)
     outcome = Outcome.ACCEPTED_PARTIALLY if details else Outcome.ACCEPTED
     return Screening(outcome, masked, "; ".join(details))
 
@@ -229,15 +231,33 @@ def _named(missing: list[int]) -> str:
     return "; ".join(f"axle {axle}: sinkage is nan" for axle in missing)
 
 
-def _lacking_for_balances(observation: Observation) -> str:
-    """Return what is not measured but needed where a sinkage is missing; empty where nothing is.
+def _lacking(observation: Observation) -> str:
+    """Return what a missing sinkage needs and what is not measured; empty where nothing is.
 
     The balances are spent on the sinkages, those of a bogie need its angle. One velocity tells
     little of two parameters, so the torques have to be there.
     """
-    if math.isnan(observation.bogie_angle):
-        return "the bogie's angle"
-    return "each axle's torque" if np.isnan(observation.torque).any() else ""
+    needed = {
+        "the bogie's angle (use_moments)": math.isnan(observation.bogie_angle),
+        "each axle's torque (use_torque)": bool(np.isnan(observation.torque).any()),
+    }
+    return " and ".join(name for name, lacks in needed.items() if lacks)
+
+
+def without_unused(observation: Observation, config: CoreConfig) -> Observation:
+    """Return the observation without the sensors that ``config`` switches off."""
+    changes: dict[str, Floats | float] = {}
+    if not config.use_sinkage:
+        changes["sinkage"] = np.full_like(observation.sinkage, np.nan)
+    if not config.use_torque:
+        changes["torque"] = np.full_like(observation.torque, np.nan)
+    if not config.use_imu:
+        changes["acceleration"] = math.nan
+    if not config.use_moments:
+        changes["bogie_angle"] = math.nan
+    if not changes:
+        return observation
+    return dataclasses.replace(observation, **changes)  # type: ignore[arg-type]
 
 
 def _wheels(observation: Observation) -> Iterable[tuple[float, ...]]:

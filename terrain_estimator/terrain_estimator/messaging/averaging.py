@@ -25,7 +25,7 @@ from enum import IntEnum
 import numpy as np
 
 from terrain_estimator.config.estimator import CoreConfig
-from terrain_estimator.estimator.screening import NOISE_BOUND, Screening, screen
+from terrain_estimator.estimator.screening import NOISE_BOUND, Screening, screen, without_unused
 from terrain_estimator.messaging.conversion import Conversion, Mark
 from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Floats, Observation
 from terrain_estimator.outcome import Outcome
@@ -295,6 +295,7 @@ class Averager:
         be biased. The estimator screens the mean.
         """
         config, rover = self._config, self._rover
+        reading = without_unused(reading, config)
         screening = screen(reading, None, rover, config)
         if screening.outcome is not Outcome.OUT_OF_RANGE:
             return screening

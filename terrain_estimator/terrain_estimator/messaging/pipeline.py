@@ -317,6 +317,7 @@ def warm_up(model: LoadedModel, config: EstimatorConfig) -> None:
                 pitch_sd=0.01,
                 acceleration=0.0,
                 acceleration_sd=0.05,
+                bogie_angle=0.0,
             )
         )
 

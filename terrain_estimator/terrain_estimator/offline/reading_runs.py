@@ -111,6 +111,8 @@ def _observations(
 ) -> Iterator[Observation]:
     """Yield the observations of a bag at 10 Hz; RunError where no messages are of one instant."""
     used = reading.config.core
+    if not used.use_sinkage:
+        raise RunError("parameter use_sinkage: the search needs every sinkage: set it to true")
     converter = Converter(rover, reading.config.conversion, used)
     none = True
     readings = (

@@ -2,6 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measurements of the planner: messages of several topics in, observations out."""
 
+import dataclasses
+
+import numpy as np
+
 from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
 from terrain_estimator.config.planner import PlannerConfig
 from terrain_estimator.messaging.conversion import Converter
@@ -22,6 +26,7 @@ class PlannerInputs:
         core = CoreConfig(use_torque=config.use_torque, use_imu=config.use_imu)
         self.topics = paired_inputs(use_imu=config.use_imu)
         self._synchronizer = input_synchronizer(self.topics, config.pairing)
+        self._use_sinkage = config.use_sinkage
         self._converter = Converter(rover, ConversionConfig(body_frame=""), core)
 
     def add(self, topic: str, message: Message) -> list[Observation | None]:
@@ -32,7 +37,14 @@ class PlannerInputs:
         if not self._converter.concerns(topic, message):
             return []
         sets = self._synchronizer.add(self.topics.index(topic), stamp_ns(message), message)
-        return [
+        found = (
             self._converter.convert(complete.stamp_ns, complete.messages).observation
             for complete in sets
+        )
+        return [
+            each if each is None or self._use_sinkage else _without_sinkage(each) for each in found
         ]
+
+
+def _without_sinkage(observation: Observation) -> Observation:
+    return dataclasses.replace(observation, sinkage=np.full_like(observation.sinkage, np.nan))

@@ -4,6 +4,7 @@
 
 import dataclasses
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,15 +12,18 @@ import pytest
 from rover_parameters.parameters import configure
 from rover_parameters.records import ConfigError
 from terrain_estimator.compiled.finding import load
-from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
 from terrain_estimator.discovery.runs import Refusals, RunError, run_of
 from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.messaging.averaging import Averager
+from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.messages import Status, status_of
-from terrain_estimator.messaging.pipeline import usable_rows
+from terrain_estimator.messaging.pipeline import usable_rows, warm_up
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
+from terrain_estimator.update import Update
 from tests.terrain_estimator.drives import drive_observations
 
 WITHOUT = CoreConfig(use_sinkage=False)
@@ -39,7 +43,7 @@ def drive(model: LoadedModel) -> list[Observation]:
     return [dataclasses.replace(each, sinkage=nothing, sinkage_sd=nothing) for each in seen]
 
 
-def test_it_identifies_the_ground_and_no_row_counts_as_missing(
+def test_it_estimates_the_ground_and_no_row_counts_as_missing(
     model: LoadedModel, drive: list[Observation]
 ) -> None:
     estimator = Estimator(model, WITHOUT)
@@ -48,7 +52,8 @@ def test_it_identifies_the_ground_and_no_row_counts_as_missing(
     assert not SPENT & set(updates[-1].decision.rows_used)
     rows = usable_rows(model.rows, WITHOUT)
     assert not SPENT & set(rows)
-    assert status_of(updates[-1], rows) is Status.IDENTIFIED
+    assert status_of(updates[-1], rows) is Status.CONVERGING
+    assert "without sinkages nothing tells a drag" in updates[-1].unconfirmed
     soil, estimate = model.metadata.soils[0], updates[-1].estimate
     sd = np.sqrt(np.diagonal(estimate.covariance))
     assert (np.abs(estimate.mean - [soil.cohesion, soil.tan_phi]) < 3.0 * sd).all()
@@ -87,6 +92,65 @@ def test_a_saved_state_goes_on_with_the_same_bytes(
     for each in drive[95:140]:
         expected, found = whole.update(each), after.update(each)
         np.testing.assert_array_equal(found.estimate.covariance, expected.estimate.covariance)
+
+
+@pytest.mark.parametrize("axles", [(1,), (0, 1, 2)])
+def test_a_missing_wheel_rate_leaves_no_torque_on_the_ground_and_is_refused(
+    model: LoadedModel, drive: list[Observation], axles: tuple[int, ...]
+) -> None:
+    """A block that holds such an observation could not be restored."""
+    estimator, after = Estimator(model, WITHOUT), Estimator(model, WITHOUT)
+    outcomes = []
+    for k, each in enumerate(drive[:26]):
+        rates = each.wheel_rate.copy()
+        rates[list(axles) if k == 23 else []] = np.nan
+        update = estimator.update(dataclasses.replace(each, wheel_rate=rates))
+        outcomes.append(update.decision.outcome)
+        if k == 23:
+            assert "a wheel rate, too" in update.decision.detail
+    assert [k for k, outcome in enumerate(outcomes) if not outcome.used] == [23]
+    assert outcomes[23] is Outcome.NOT_FINITE
+    after.restore(estimator.save())
+    np.testing.assert_array_equal(
+        after.update(drive[26]).estimate.mean, estimator.update(drive[26]).estimate.mean
+    )
+
+
+def test_a_bad_sensor_that_is_switched_off_costs_no_reading_of_a_mean(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
+    """50 Hz: each mean is of five readings, whatever the sensor says."""
+    found = []
+    for value in (np.nan, -0.05):
+        averager, means = Averager(model.rover, WITHOUT), []
+        for k, each in enumerate(drive[:60]):
+            stamp, bad = (k + 1) * 20_000_000, np.full(3, value)
+            reading = dataclasses.replace(each, stamp_ns=stamp, sinkage=bad, sinkage_sd=abs(bad))
+            means += averager.add(Conversion(stamp, reading))
+        found.append([each.notes for each in means if each.notes])
+        last = means[-1].observation
+        assert last is not None
+        assert np.isnan(last.sinkage).all()
+    assert found[0] == found[1]
+    assert found[0][-1] == ("mean of 5 readings at 50 Hz",)
+
+
+def test_the_warm_up_takes_every_observation_with_and_without_a_sensor(
+    model: LoadedModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for core in (CoreConfig(), WITHOUT):
+        outcomes: list[Outcome] = []
+        update = Estimator.update
+
+        def noted(self: Estimator, each: Observation, update: Any = update) -> Update:
+            answer: Update = update(self, each)
+            outcomes.append(answer.decision.outcome)  # noqa: B023
+            return answer
+
+        monkeypatch.setattr(Estimator, "update", noted)
+        warm_up(model, EstimatorConfig(core=core))
+        monkeypatch.undo()
+        assert set(outcomes) == {Outcome.ACCEPTED}
 
 
 def test_the_compiled_core_gives_what_torchscript_gives(

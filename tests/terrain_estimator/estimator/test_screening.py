@@ -22,6 +22,7 @@ RADIUS = MARS.wheel_radius
 CONFIG = CoreConfig()
 BAD = [math.nan, math.inf, -math.inf]
 NOT_MEASURED = np.full(3, np.nan)
+BOGIE, TORQUES = "the bogie's angle (use_moments)", "each axle's torque (use_torque)"
 
 
 def observe(**changes: Any) -> Observation:
@@ -171,12 +172,13 @@ def test_one_missing_sinkage_takes_the_others_with_it_and_is_named() -> None:
 @pytest.mark.parametrize(
     ("changes", "needed"),
     [
-        ({"bogie_angle": math.nan}, "the bogie's angle"),
-        ({"bogie_angle": 4.0}, "the bogie's angle"),  # masked: no bogie turns so far
-        ({"torque": NOT_MEASURED}, "each axle's torque"),
-        ({"torque": at(2, math.nan, 12.0)}, "each axle's torque"),
-        ({"torque_sd": at(2, math.nan, 0.4)}, "each axle's torque"),
-        ({"wheel_rate": at(0, 1e6, 1.5)}, "each axle's torque"),  # masked with its rate
+        ({"bogie_angle": math.nan}, BOGIE),
+        ({"bogie_angle": 4.0}, BOGIE),  # masked: no bogie turns so far
+        ({"torque": NOT_MEASURED}, TORQUES),
+        ({"torque": at(2, math.nan, 12.0)}, TORQUES),
+        ({"torque_sd": at(2, math.nan, 0.4)}, TORQUES),
+        ({"wheel_rate": at(0, 1e6, 1.5)}, TORQUES),  # masked with its rate
+        ({"torque": NOT_MEASURED, "bogie_angle": math.nan}, f"{BOGIE} and {TORQUES}"),
     ],
 )
 def test_a_missing_sinkage_is_refused_where_what_replaces_it_is_not_measured(

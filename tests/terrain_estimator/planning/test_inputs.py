@@ -57,6 +57,8 @@ def test_a_sensor_that_is_switched_off_is_not_used() -> None:
     everything, last = observed(), -1
     assert np.isfinite(everything[last].torque).all()
     assert np.isnan(observed(use_torque=False)[last].torque).all()
+    assert np.isnan(observed(use_sinkage=False)[last].sinkage).all()
+    assert np.isfinite(observed()[last].sinkage).all()
     assert observed(use_imu=False)[last].pitch == pytest.approx(
         everything[last].pitch + 0.02, abs=1e-3
     )
