@@ -125,6 +125,7 @@ ESTIMATOR = {
     "model": Case("paper_rover", lambda a, b: outcomes(a) != outcomes(b)),
     "use_torque": Case(OFF, lambda a, b: "torque_0" in rows(a) - rows(b)),
     "use_imu": Case(OFF, lambda a, b: "acceleration" in rows(a) - rows(b)),
+    "use_sinkage": Case(OFF, lambda a, b: "load" in rows(a) - rows(b)),
     "use_moments": Case(OFF, lambda a, b: "moment" in rows(a) - rows(b)),
     "prior.cohesion_mean": Case(
         3000.0,
@@ -276,6 +277,7 @@ SIMULATOR: dict[str, tuple[Any, dict[str, Any]]] = {
     "effect_size": (0.004, {"effect": "sinkage_bias", "effect_size": 0.0}),
     "effect_axle": (0, {"effect": "failed_wheel", "effect_size": 0.5}),
     "noise": (1.0, {}),
+    "sinkage_sensor": (OFF, {}),
     "seed": (1, {}),
     "rate": (20.0, {}),
     "body_frame": ("chassis", {}),
@@ -394,6 +396,9 @@ ELSEWHERE = {
         "terrain_estimator/planning/test_planner.py::test_ticking_encoders_are_told_from_driving"
     ),
     "planner use_torque": (
+        "terrain_estimator/planning/test_inputs.py::test_a_sensor_that_is_switched_off_is_not_used"
+    ),
+    "planner use_sinkage": (
         "terrain_estimator/planning/test_inputs.py::test_a_sensor_that_is_switched_off_is_not_used"
     ),
     "planner use_imu": (

@@ -207,13 +207,13 @@ class Consistency:
     def _unchecked(self) -> str:
         """Return why the last seconds, which fit, confirm nothing; empty where they do.
 
-        Without sinkages a drag of the drives looks like another ground.
+        Without sinkages a drag of the drives looks like another ground. The load row is then in
+        none of them.
         """
-        load = self.judged[-WINDOWS[0] :, 2 + self.rows.index("load")]
-        lacks = bool(np.isnan(load).any())
-        return (
-            "without sinkages nothing tells a drag of the drives from the ground" if lacks else ""
-        )
+        told = np.isfinite(self.judged[-WINDOWS[0] :, 2 : 2 + len(self.rows)]).any(0)
+        if told[self.rows.index("load")] or not told.any():
+            return ""
+        return "without sinkages nothing tells a drag of the drives from the ground"
 
     def _disagreement(self, failed: Tested) -> Disagreement:
         row = self.rows[int(np.argmax(failed.shares()))]
