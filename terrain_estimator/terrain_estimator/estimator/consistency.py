@@ -210,8 +210,8 @@ class Consistency:
         Without sinkages a drag of the drives looks like another ground. The load row is then in
         none of them.
         """
-        told = np.isfinite(self.judged[-WINDOWS[0] :, 2 : 2 + len(self.rows)]).any(0)
-        if told[self.rows.index("load")] or not told.any():
+        last = np.isfinite(self.judged[-WINDOWS[0] :, 2 : 2 + len(self.rows)])
+        if last[:, self.rows.index("load")].any() or not last.any():
             return ""
         return "without sinkages nothing tells a drag of the drives from the ground"
 
