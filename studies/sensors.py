@@ -124,7 +124,7 @@ def main(args: list[str] | None = None) -> int:
             print(lines[-1], file=sys.stderr, flush=True)
     head = [
         "rover", "measured", "bound of c / tan phi [%]", "median error [%]", "error over bound",
-        "95 % interval holds [%]", "IDENTIFIED [%]",
+        "95 % interval holds [%]", "variance at most a tenth [%]",
     ]  # fmt: skip
     print(table(head, lines))
     return 0
