@@ -34,7 +34,7 @@ from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 
-VERSION = "13"
+VERSION = "14"
 """Version of the model's structure and training, part of the model's id."""
 
 

@@ -16,7 +16,7 @@ says nothing else.
 """
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from terrain_estimator.model.gaussian import cholesky
 from terrain_estimator.model.packing import view_of, with_sinkage_and_sd
@@ -109,6 +109,9 @@ def without_sinkage(rows: Rows, missing: Tensor, theta: Tensor) -> Rows:
     noise = rows.noise - (taken @ balances_of(rows.noise, 2, axles).flatten(3)).view(
         rows.noise.shape
     )
+    bent = missing.view(1, n, 1, 1)
+    features = torch.where(bent, at_once(features, theta), features)
+    noise = torch.where(bent.unsqueeze(-1), at_once(noise, theta), noise)
     slips, depths, angles = noise.split_with_sizes([axles, axles, axles + 1], 3)
     depths = torch.where(missing.view(1, n, 1, 1, 1), 0.0, depths)
     target = rows.target - (taken @ balances_of(rows.target, 1, axles).unsqueeze(-1)).squeeze(-1)
@@ -119,3 +122,13 @@ def without_sinkage(rows: Rows, missing: Tensor, theta: Tensor) -> Rows:
     spent = torch.cat([velocity, 0.0 * load, sensed, 0.0 * moments], 1) * every
     used = torch.where(missing.unsqueeze(1), spent, rows.used)
     return Rows(features, torch.cat([slips, depths, angles], 3), target, variance, used, taken)
+
+
+def at_once(columns: Tensor, theta: Tensor) -> Tensor:
+    """Return ``columns`` [C, ..., 3] whose changes by a soil constant do not depend on theta.
+
+    A constant moves the sinkages, and these move every column: only the sum at ``theta`` [3] is a
+    derivative, its parts by c and tan phi are not.
+    """
+    changed = (columns[1:] @ theta).unsqueeze(-1)
+    return torch.cat([columns[:1], nn.functional.pad(changed, [2, 0])])
