@@ -29,6 +29,10 @@ WHEN = {
         "use_imu": f"{_IMU}; in the planner too",
         "use_moments": "to false if the suspension has springs or stiff joints",
         "use_sinkage": "to false if no sensor measures sinkages, or a poor one",
+        "contact_angle_sd": (
+            "if no contact angle is measured, to three times the usual angle between the ground"
+            " below a wheel and the body"
+        ),
         "prior.cohesion_mean": _SITE,
         "prior.cohesion_sd": _SITE_SD,
         "prior.tan_phi_mean": _SITE,

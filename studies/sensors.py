@@ -4,7 +4,9 @@
 
 python -m studies.sensors prints the table of docs/bring_your_own_sensors.md. Drives S1 of 40 s on
 loose sand, with the physics alone, soil constants wrong by up to 5 % and truths from the prior. The
-bound without sinkages takes them as unknown: their deviation is ten times their size.
+bound without sinkages takes them as unknown: their deviation is ten times their size. Contact
+angles that are not measured are taken to be along body and bogie, as the estimator does with
+contact_angle_sd.
 """
 
 import dataclasses
@@ -32,6 +34,7 @@ from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.learning.tasks import CONSTANTS_SPREAD
 from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.physics_with_effects import nominal_of
 from terrain_estimator.model.row_names import row_names
 from terramechanics.presets import load_rover, load_soil
 
@@ -43,12 +46,13 @@ UNKNOWN = 10.0
 
 
 class Sensors(NamedTuple):
-    """What a rover measures beside velocity, slip, pitch and contact angles."""
+    """What a rover measures beside velocity, slip and pitch."""
 
     name: str
     sinkage: bool
     torque: bool
     moments: bool  # with a bogie its angle, without one nothing
+    contact_angle: bool = True
 
 
 SETS = (
@@ -57,7 +61,23 @@ SETS = (
     Sensors("sinkage, moments", sinkage=True, torque=False, moments=True),
     Sensors("sinkage", sinkage=True, torque=False, moments=False),
     Sensors("torque, moments", sinkage=False, torque=True, moments=True),
+    Sensors(
+        "sinkage, torque, moments; no contact angle",
+        sinkage=True,
+        torque=True,
+        moments=True,
+        contact_angle=False,
+    ),
+    Sensors(
+        "torque, moments; no contact angle",
+        sinkage=False,
+        torque=True,
+        moments=True,
+        contact_angle=False,
+    ),
 )
+SUPPOSED_SD = 0.03
+"""[rad] Stated deviation of contact angles that are taken to be along body and bogie."""
 
 
 def mask(sensors: Sensors, axles: int) -> Tensor:
@@ -80,10 +100,25 @@ def lacking_sinkage(drives: MeasuredDrives, axles: int) -> MeasuredDrives:
     return dataclasses.replace(drives, tasks=tasks)
 
 
+def lacking_contact_angle(drives: MeasuredDrives, model: PAlpaca) -> MeasuredDrives:
+    """Return drives whose contact angles are those that the estimator supposes."""
+    measured, true = drives.tasks.measured.clone(), drives.tasks.true.clone()
+    view, known = view_of(measured, model.axles), view_of(true, model.axles)
+    carried = nominal_of(model.physics).carried.sum(0)
+    turned = view.bogie_angle.nan_to_num().unsqueeze(-1)
+    view.contact_angle.copy_(turned * carried)
+    for deviation in (view.contact_angle_sd, known.contact_angle_sd):
+        deviation.fill_(SUPPOSED_SD)
+    tasks = dataclasses.replace(drives.tasks, measured=measured, true=true)
+    return dataclasses.replace(drives, tasks=tasks)
+
+
 def judged(model: PAlpaca, drives: MeasuredDrives, sensors: Sensors) -> CellScore:
     """Return the score of the estimator with these sensors."""
     if not sensors.sinkage:
         drives = lacking_sinkage(drives, model.axles)
+    if not sensors.contact_angle:
+        drives = lacking_contact_angle(drives, model)
     rows, times = mask(sensors, model.axles), observation_times(TIMES_S)
     trace = run(model, drives.tasks.measured, times, drives.ends, rows)
     spread = CONSTANTS_SPREAD / math.sqrt(3.0)

@@ -126,6 +126,11 @@ ESTIMATOR = {
     "use_torque": Case(OFF, lambda a, b: "torque_0" in rows(a) - rows(b)),
     "use_imu": Case(OFF, lambda a, b: "acceleration" in rows(a) - rows(b)),
     "use_sinkage": Case(OFF, lambda a, b: "load" in rows(a) - rows(b)),
+    "contact_angle_sd": Case(
+        0.03,
+        lambda a, b: Outcome.ACCEPTED in outcomes(b) - outcomes(a),
+        change=lambda events: spoiled(events, "wheel_sinkage", contact_angle=np.full(6, np.nan)),
+    ),
     "use_moments": Case(OFF, lambda a, b: "moment" in rows(a) - rows(b)),
     "prior.cohesion_mean": Case(
         3000.0,
@@ -278,6 +283,7 @@ SIMULATOR: dict[str, tuple[Any, dict[str, Any]]] = {
     "effect_axle": (0, {"effect": "failed_wheel", "effect_size": 0.5}),
     "noise": (1.0, {}),
     "sinkage_sensor": (OFF, {}),
+    "contact_angle_sensor": (OFF, {}),
     "seed": (1, {}),
     "rate": (20.0, {}),
     "body_frame": ("chassis", {}),

@@ -96,6 +96,9 @@ class SimulatorConfig:
     sinkage_sensor: bool = entry(
         "measure sinkages; false: publish NaN, as a rover without such a sensor", default=True
     )
+    contact_angle_sensor: bool = entry(
+        "measure contact angles; false: publish NaN, as a rover without such a sensor", default=True
+    )
     seed: int = number(
         "seed of everything random: the same seed gives the same run", "1", 0, 2**31 - 1, default=0
     )

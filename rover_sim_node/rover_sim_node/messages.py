@@ -66,7 +66,7 @@ def step_messages(
     track = Header(stamp=time_message(stamp_ns), frame_id=config.odom_frame)
     return {
         "wheel_slip": _slip(reading, body, sequence),
-        "wheel_sinkage": _sinkage(reading, body, sequence, sensor=config.sinkage_sensor),
+        "wheel_sinkage": _sinkage(reading, body, sequence, config),
         "odom": _odometry(reading, track, config.body_frame),
         "joint_states": _joint_states(reading, body),
         "imu": _imu(reading, body),
@@ -110,17 +110,18 @@ def _slip(reading: SimulatedReading, header: Header, sequence: int) -> WheelSlip
 
 
 def _sinkage(
-    reading: SimulatedReading, header: Header, sequence: int, *, sensor: bool
+    reading: SimulatedReading, header: Header, sequence: int, config: SimulatorConfig
 ) -> WheelSinkage:
     measured, nothing = reading.measured, [math.nan] * len(reading.rover.wheel_names)
+    depth, angle = config.sinkage_sensor, config.contact_angle_sensor
     return WheelSinkage(
         header=header,
         sequence=sequence,
         wheel=list(reading.rover.wheel_names),
-        sinkage=_doubles(measured.sinkage) if sensor else nothing,
-        sinkage_stddev=_doubles(measured.sinkage_sd) if sensor else nothing,
-        contact_angle=_doubles(measured.contact_angle),
-        contact_angle_stddev=_doubles(measured.contact_angle_sd),
+        sinkage=_doubles(measured.sinkage) if depth else nothing,
+        sinkage_stddev=_doubles(measured.sinkage_sd) if depth else nothing,
+        contact_angle=_doubles(measured.contact_angle) if angle else nothing,
+        contact_angle_stddev=_doubles(measured.contact_angle_sd) if angle else nothing,
     )
 
 

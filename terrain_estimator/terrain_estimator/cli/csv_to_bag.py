@@ -125,8 +125,8 @@ def _hints(mapping: Mapping, rover: Rover) -> list[str]:
         )
     if not mapping.measures("contact_angle") and not mapping.constant_contact_angle.unit:
         hints.append(
-            "no contact_angle: give columns, or constant_contact_angle if the ground was even;"
-            " otherwise no wheel is used"
+            "no contact_angle: give columns, or constant_contact_angle if the ground was even, or"
+            " the parameter contact_angle_sd to replay; otherwise no wheel is used"
         )
     if mapping.measures("torque") and mapping.torque.noise != SignalNoise():
         relative, absolute = (

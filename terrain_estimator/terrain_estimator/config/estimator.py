@@ -27,6 +27,14 @@ class CoreConfig:
         " which needs use_torque and use_moments",
         default=True,
     )
+    contact_angle_sd: float = number(
+        "deviation of the ground below a wheel from the plane of its body or bogie, which is taken"
+        " where a contact angle is missing; 0: such observations are refused",
+        "rad",
+        0.0,
+        0.5,
+        default=0.0,
+    )
     prior_cohesion_mean_pa: float = number(
         "site knowledge: mean of the cohesion; needs prior.cohesion_sd",
         "Pa",

@@ -18,7 +18,7 @@ from terrain_estimator.estimator.forecasting import Forecast, Forecasting
 from terrain_estimator.estimator.intake import Intake
 from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, State, judged
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
-from terrain_estimator.estimator.screening import Screening, screen, without_unused
+from terrain_estimator.estimator.screening import Screening, as_configured, screen
 from terrain_estimator.estimator.soundness import unsound, unsound_answer, unsound_fit
 from terrain_estimator.estimator.summary import Beliefs, deviation, inflated, summarise
 from terrain_estimator.model.loaded import LoadedModel
@@ -113,7 +113,7 @@ class Estimator:
 
         The content of an observation never raises.
         """
-        observation = without_unused(observation, self._config)
+        observation = as_configured(observation, self._rover, self._config)
         screening = screen(
             observation,
             self._last_stamp,

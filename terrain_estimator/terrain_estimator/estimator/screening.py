@@ -30,6 +30,7 @@ NOISE_BOUND = 4.0
 STRONGEST_TORQUE = 1e6  # [N m]
 STRONGEST_ACCELERATION = 1e3  # [m/s^2]
 DEVIATIONS = (1e-9, 1e9)  # [SI] outside no square and no ratio of variances is safe from overflow
+_ANGLE = "contact angle"
 _PERCENTAGE = 2.0  # [1] a slip beyond it, either way, is hardly a ratio
 _OTHER_UNIT = 3.0  # [wheel radii] a sinkage beyond it is hardly in metres
 _STEEPEST_GROUND = math.pi / 2.0  # [rad]
@@ -244,9 +245,14 @@ def _lacking(observation: Observation) -> str:
     return " and ".join(name for name, lacks in needed.items() if lacks)
 
 
-def without_unused(observation: Observation, config: CoreConfig) -> Observation:
-    """Return the observation without the sensors that ``config`` switches off."""
+def as_configured(observation: Observation, rover: Rover, config: CoreConfig) -> Observation:
+    """Return the observation with the sensors that ``config`` uses.
+
+    Those that it switches off are NaN, and missing contact angles are what it supposes.
+    """
     changes: dict[str, Floats | float] = {}
+    if config.contact_angle_sd and np.isnan(observation.contact_angle).any():
+        changes |= _supposed_angles(observation, rover, config.contact_angle_sd)
     if not config.use_sinkage:
         changes["sinkage"] = np.full_like(observation.sinkage, np.nan)
     if not config.use_torque:
@@ -258,6 +264,21 @@ def without_unused(observation: Observation, config: CoreConfig) -> Observation:
     if not changes:
         return observation
     return dataclasses.replace(observation, **changes)  # type: ignore[arg-type]
+
+
+def _supposed_angles(observation: Observation, rover: Rover, deviation: float) -> dict[str, Floats]:
+    """Return contact angles in which missing ones are along the body, or along the wheel's bogie.
+
+    A bogie whose angle is not measured leaves those of its wheels missing.
+    """
+    plane = np.zeros_like(observation.contact_angle)
+    for joint in rover.suspension:
+        plane[list(joint.axles)] = observation.bogie_angle
+    missing = np.isnan(observation.contact_angle)
+    return {
+        "contact_angle": np.where(missing, plane, observation.contact_angle),
+        "contact_angle_sd": np.where(missing, deviation, observation.contact_angle_sd),
+    }
 
 
 def _wheels(observation: Observation) -> Iterable[tuple[float, ...]]:
@@ -297,7 +318,9 @@ def _wheel_fault(
         sinkage, sinkage_sd = 0.01 * radius, radius  # of no consequence: the balances tell it
     if not (math.isfinite(slip) and math.isfinite(sinkage) and math.isfinite(angle)):
         name, value = _first(lambda each: not math.isfinite(each), slip, sinkage, angle)
-        return Outcome.NOT_FINITE, f"{name} is {value}"
+        return Outcome.NOT_FINITE, f"{name} is {value}" + (
+            _instead(config) if name == _ANGLE and math.isnan(value) else ""
+        )
     if not (_is_deviation(slip_sd) and _is_deviation(sinkage_sd) and _is_deviation(angle_sd)):
         name, value = _first(lambda each: not _is_deviation(each), slip_sd, sinkage_sd, angle_sd)
         return Outcome.BAD_DEVIATION, f"the standard deviation of {name} is {value:g}"
@@ -323,8 +346,14 @@ def _first(
     wrong: Callable[[float], bool], slip: float, sinkage: float, angle: float
 ) -> tuple[str, float]:
     """Return the first of a wheel's numbers that is wrong, with its name."""
-    named = {"slip": slip, "sinkage": sinkage, "contact angle": angle}
+    named = {"slip": slip, "sinkage": sinkage, _ANGLE: angle}
     return next((name, value) for name, value in named.items() if wrong(value))
+
+
+def _instead(config: CoreConfig) -> str:
+    """Return what does without a contact angle."""
+    lacking = "measure the bogie's angle" if config.contact_angle_sd else "set contact_angle_sd"
+    return f"; to do without it, {lacking}"
 
 
 def _sinkage_fault(sinkage: float, deviation: float, radius: float) -> str:

@@ -25,7 +25,7 @@ from enum import IntEnum
 import numpy as np
 
 from terrain_estimator.config.estimator import CoreConfig
-from terrain_estimator.estimator.screening import NOISE_BOUND, Screening, screen, without_unused
+from terrain_estimator.estimator.screening import NOISE_BOUND, Screening, as_configured, screen
 from terrain_estimator.messaging.conversion import Conversion, Mark
 from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Floats, Observation
 from terrain_estimator.outcome import Outcome
@@ -292,19 +292,31 @@ class Averager:
         """Screen a reading as the estimator does, but let noise leave the range.
 
         Readings that noise puts outside the model's range belong to the mean: without them it would
-        be biased. The estimator screens the mean.
+        be biased. The estimator screens the mean, and supposes its missing contact angles, because
+        what is supposed is no better for the mean of many.
         """
         config, rover = self._config, self._rover
-        reading = without_unused(reading, config)
+        given = reading
+        reading = as_configured(reading, rover, config)
         screening = screen(reading, None, rover, config)
         if screening.outcome is not Outcome.OUT_OF_RANGE:
-            return screening
+            return _as_given(screening, given) if screening.outcome.used else screening
         slip = _inside(reading.slip, reading.slip_sd, config.slip_minimum, config.slip_maximum)
         sinkage = _inside(reading.sinkage, reading.sinkage_sd, 0.0, rover.wheel_radius)
         moved = dataclasses.replace(reading, slip=slip, sinkage=sinkage)
         again = screen(moved, None, rover, config)
         own = dataclasses.replace(again.observation, slip=reading.slip, sinkage=reading.sinkage)
-        return again._replace(observation=own)
+        return _as_given(again._replace(observation=own), given)
+
+
+def _as_given(screening: Screening, reading: Observation) -> Screening:
+    """Return the screening with the contact angles of the ``reading`` before any was supposed."""
+    own = screening.observation
+    if own.contact_angle is reading.contact_angle:
+        return screening
+    angle, deviation = reading.contact_angle, reading.contact_angle_sd
+    observation = dataclasses.replace(own, contact_angle=angle, contact_angle_sd=deviation)
+    return screening._replace(observation=observation)
 
 
 def averaged(readings: Iterable[Conversion], averager: Averager) -> Iterator[Conversion]:
