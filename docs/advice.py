@@ -111,6 +111,10 @@ WHEN = {
         "rate_deviation": "to the resolution of your encoders",
         "default_sd.velocity": "if your velocity has no covariance",
         "pairing_tolerance": "to half the period of the slower of the two topics",
+        "empty_sinkage": (
+            "to true if nothing measures sinkages and contact angles; set contact_angle_sd and"
+            " use_sinkage of the estimator, too"
+        ),
     },
     "terrain_map": {
         "spacing": "to the resolution that your map needs",

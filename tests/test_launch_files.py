@@ -4,6 +4,7 @@
 
 import importlib.util
 import itertools
+import json
 from pathlib import Path
 from typing import Any
 
@@ -209,6 +210,34 @@ def test_a_platform_is_read_by_its_topics_and_joint_names() -> None:
     together = nodes("platform.launch.py", **asked, composed="true")["/onboard"]
     assert set(together.named["remappings"]) == topics - {("wheel_sinkage", "/adapter")}
     assert "velocity:=/visual_odometry" in divided(together.named["arguments"])["slip_source"]
+
+
+@pytest.mark.parametrize("composed", ["false", "true"])
+def test_a_platform_without_sinkage_and_contact_angle_sensors_needs_no_adapter(
+    composed: str,
+) -> None:
+    asked = PLATFORM | {"contact_angle_sd": "0.05", "planner": "true", "composed": composed}
+    found = nodes("platform.launch.py", **asked)
+    expected = {
+        "slip_source": {"empty_sinkage": True},
+        "estimator": {"contact_angle_sd": 0.05, "use_sinkage": False},
+        "planner": {"use_sinkage": False},
+    }
+    if composed == "true":
+        arguments = divided(found["/onboard"].named["arguments"])
+        for name, entries in expected.items():
+            for key, value in entries.items():
+                assert f"{key}:={json.dumps(value)}" in arguments[name]
+        return
+    for name, entries in expected.items():
+        assert entries.items() <= values(found[f"/{name}"]).items()
+
+
+def test_an_empty_sinkage_needs_the_node_that_publishes_it() -> None:
+    with pytest.raises(ValueError, match="contact_angle_sd:=0.05: give velocity:=, too"):
+        nodes("rover.launch.py", contact_angle_sd="0.05")
+    with pytest.raises(ValueError, match="contact_angle_sd:=flat: expected a number of radians"):
+        nodes("platform.launch.py", **PLATFORM, contact_angle_sd="flat")
 
 
 def test_a_track_that_is_no_number_is_refused() -> None:

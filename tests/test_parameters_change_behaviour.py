@@ -446,6 +446,10 @@ ELSEWHERE = {
     "slip_source rover": (
         "system/test_slip_source.py::test_slip_from_wheel_rates_and_odometry_is_that_of_the_wheels"
     ),
+    "slip_source empty_sinkage": (
+        "system/test_slip_source.py::"
+        "test_a_rover_without_sinkage_and_contact_angle_sensors_needs_no_other_node"
+    ),
     "slip_source velocity_type": (
         "terrain_estimator/messaging/test_slip_source.py::"
         "test_each_parameter_changes_what_is_published"

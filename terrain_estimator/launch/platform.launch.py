@@ -6,7 +6,7 @@ For example: ros2 launch terrain_estimator platform.launch.py model:=models/four
 velocity:=/visual_odometry wheels:=front_left,front_right,rear_left,rear_right track_width:=0.55
 
 slip_source makes wheel_slip of joint states and a velocity. Sinkage and contact angles come from
-your adapter: the estimator waits for them.
+your adapter, for which the estimator waits; contact_angle_sd says that nothing measures them.
 """
 
 from launch import LaunchContext, LaunchDescription
@@ -31,6 +31,13 @@ HANDED_ON = {
     "imu": ("/imu/data", "topic of the imu, sensor_msgs/Imu"),
     "joint_states": ("/joint_states", "topic of the wheels' rates and torques"),
     "wheel_sinkage": ("wheel_sinkage", "topic of your adapter for sinkage and contact angles"),
+    "contact_angle_sd": (
+        "",
+        (
+            "[rad] where nothing measures sinkages and contact angles: deviation of the ground from"
+            " the body's plane; empty: your adapter publishes wheel_sinkage"
+        ),
+    ),
     "track_width": ("", "[m] between left and right wheels, for slip in turns; empty: as straight"),
     "record": ("true", "record inputs, outputs and commands to a bag"),
     "state": ("", "file in which the estimator keeps what it knows over restarts; empty: none"),

@@ -54,6 +54,14 @@ ARGUMENTS = {
             " else as straight ahead"
         ),
     ),
+    "contact_angle_sd": (
+        "",
+        (
+            "[rad] for a rover that measures neither sinkages nor contact angles: deviation of the"
+            " ground from body and bogie. slip_source then publishes an empty wheel_sinkage. Empty:"
+            " the rover publishes wheel_sinkage itself"
+        ),
+    ),
     "record": ("true", "record inputs and outputs to a bag"),
     "topics": ("", "that are recorded, with spaces between; empty: all of the suite"),
     "state": (
@@ -85,17 +93,33 @@ def _nodes(context: LaunchContext) -> list[Node]:
             " its wheel radius and knows no model"
         )
         raise ValueError(message)
+    angle_sd = _number(value, "contact_angle_sd", "radians")
+    if angle_sd and not value["velocity"]:
+        message = (
+            f"contact_angle_sd:={value['contact_angle_sd']}: give velocity:=, too, since slip_source"
+            " publishes the empty wheel_sinkage"
+        )
+        raise ValueError(message)
+    sensors: dict[str, Any] = {"use_sinkage": False} if angle_sd else {}
     wanted: dict[str, dict[str, Any] | None] = {
         "estimator": {
             "model": value["model"],
             "rover": value["rover"],
             "state.file": value["state"],
+            "contact_angle_sd": angle_sd,
+            **sensors,
         },
         "slip_source": (
-            {"rover": value["rover"], "track_width": _metres(value)} if value["velocity"] else None
+            {
+                "rover": value["rover"],
+                "track_width": _number(value, "track_width", "metres"),
+                "empty_sinkage": True if angle_sd else "",
+            }
+            if value["velocity"]
+            else None
         ),
         "planner": (
-            {"model": value["model"], "rover": value["rover"]}
+            {"model": value["model"], "rover": value["rover"], **sensors}
             if value["planner"] == "true"
             else None
         ),
@@ -121,13 +145,13 @@ def _nodes(context: LaunchContext) -> list[Node]:
     return [_together(value, given), *alone, *seen]
 
 
-def _metres(value: dict[str, str]) -> float | str:
-    """Return the track width as a number; empty where it is not given."""
-    text = value["track_width"]
+def _number(value: dict[str, str], name: str, unit: str) -> float | str:
+    """Return an argument as a number; empty where it is not given."""
+    text = value[name]
     try:
         return float(text) if text else ""
     except ValueError:
-        message = f"track_width:={text}: expected a number of metres"
+        message = f"{name}:={text}: expected a number of {unit}"
         raise ValueError(message) from None
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from msg_defs.msg import WheelSlip
+from msg_defs.msg import TerrainEstimate, WheelSlip
 from terrain_estimator.nodes.common import message_types
 from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.presets import PRESETS
@@ -88,6 +88,33 @@ def test_slip_from_wheel_rates_and_odometry_is_that_of_the_wheels(
     )
     assert len(found) == len(measured)
     assert process.interrupt(60.0) == 0
+
+
+def test_a_rover_without_sinkage_and_contact_angle_sensors_needs_no_other_node(
+    start: Starter, listener: Listener
+) -> None:
+    slip = ("slip_source", "--ros-args", "-p", "empty_sinkage:=true")
+    sensors = ("-p", "use_sinkage:=false", "-p", "contact_angle_sd:=0.03")
+    for arguments in (slip, ("estimator", "--ros-args", *sensors)):
+        start("terrain_estimator", *arguments).wait_for_output("ready", timeout=60.0)
+    estimates = listener.collect(TerrainEstimate, "terrain_estimate")
+    topics = {name: name for name in ("joint_states", "odom", "imu")}
+    publishers = {
+        name: listener.publisher(message_types.message_class(INPUT_TYPES[kind]), name)
+        for name, kind in (topics | {"velocity": "odom"}).items()
+    }
+    for count, (topic, _, message) in enumerate(drive_messages(message_types.make, 4.0), 1):
+        if topic in topics:
+            publishers[topic].publish(message)
+        if topic == "odom":
+            publishers["velocity"].publish(message)
+        # no faster than the estimator: its queues hold 50
+        listener.wait_for_messages(estimates, count // len(INPUT_TYPES) - 10, timeout=60.0)
+    listener.wait_for_messages(estimates, 39, timeout=60.0)
+    moving = estimates[10:]
+    assert {each.decision.outcome_name for each in moving} == {"ACCEPTED"}
+    assert "torque_0" in moving[-1].rows
+    assert moving[-1].cohesion_stddev < estimates[0].cohesion_stddev
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """add_slip BAG --velocity TOPIC: copy a bag and add wheel_slip from wheel rates and a velocity.
 
-The node slip_source does the same live.
+The node slip_source does the same live. With -p empty_sinkage:=true the copy has wheel_sinkage, too,
+in which nothing is measured.
 
 Exit codes: 0 done; 2 wrong arguments, parameters or bag, or no slip could be computed.
 """
@@ -13,6 +14,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from rover_parameters.parameters import effective
 from rover_parameters.records import ConfigError
@@ -45,8 +47,15 @@ from terrain_estimator.offline.topic_mapping import TopicError, absolute
 from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.presets import load_rover
 
-SLIP = "wheel_slip"
+SLIP, SINKAGE = "wheel_slip", "wheel_sinkage"
 WRONG = 2
+
+
+class Outputs(NamedTuple):
+    """Names of the topics that are added."""
+
+    slip: str
+    sinkage: str
 
 
 @dataclass(slots=True)
@@ -81,7 +90,7 @@ def main(arguments: list[str] | None = None) -> int:
                 reader,
                 out,
                 {topic: name for name, topic in names.items()},
-                absolute(SLIP, options.namespace),
+                Outputs(absolute(SLIP, options.namespace), absolute(SINKAGE, options.namespace)),
                 config,
             )
     except (BagError, ConfigError, TopicError, OSError) as error:
@@ -113,7 +122,7 @@ def _velocity_type(reader: BagReader, names: Mapping[str, str]) -> str:
 
 
 def add_slip(
-    reader: BagReader, out: Path, ours: Mapping[str, str], slip_topic: str, config: SlipSourceConfig
+    reader: BagReader, out: Path, ours: Mapping[str, str], names: Outputs, config: SlipSourceConfig
 ) -> Added:
     """Copy a bag to ``out``, with each slip right after the message that completes its pair.
 
@@ -125,11 +134,13 @@ def add_slip(
         BagError: a message cannot be read.
         OutputError: ``out`` exists already, or the disk is full; nothing is left behind.
     """
-    if slip_topic in reader.topics:
-        raise TopicError(
-            f"{reader.path} has a topic {slip_topic} already: replay it as it is, or give a bag"
-            " without it"
-        )
+    new = [names.slip, *([names.sinkage] if config.empty_sinkage else [])]
+    for topic in new:
+        if topic in reader.topics:
+            raise TopicError(
+                f"{reader.path} has a topic {topic} already: replay it as it is, or give a bag"
+                " without it"
+            )
     source, added, span = SlipSource(load_rover(config.rover), config), Added(), reader.span
     with (
         new_folder(out) as place,
@@ -146,13 +157,16 @@ def add_slip(
             },
         )
         copies = _topics(reader, writer)
-        slip = writer.add_topic(slip_topic, INPUT_TYPES[SLIP])
+        topics = [
+            writer.add_topic(topic, INPUT_TYPES[kind])
+            for topic, kind in zip(new, (SLIP, SINKAGE), strict=False)
+        ]
         for raw in reader.messages(copies):
             progress.at((raw.log_time_ns - span.first_ns) / max(1, span.duration_ns))
             writer.write(copies[raw.topic], raw.data, raw.log_time_ns, raw.publish_time_ns)
             if raw.topic in ours:
                 added.joints += ours[raw.topic] == JOINTS
-                _add(source, ours[raw.topic], raw, reader, writer, slip, added)
+                _add(source, ours[raw.topic], raw, reader, writer, topics, added)
         if not added.slips:
             raise TopicError(
                 f"{reader.path}: {added}: stamps of one pair may differ by pairing_tolerance,"
@@ -185,7 +199,7 @@ def _add(
     raw: RawMessage,
     reader: BagReader,
     writer: BagWriter,
-    slip: BagTopic,
+    topics: list[BagTopic],
     added: Added,
 ) -> None:
     for pair in source.pair(name, reader.decode(raw)):
@@ -194,7 +208,11 @@ def _add(
         except SlipSourceError as error:
             added.refused, added.why = added.refused + 1, str(error)
             continue
+        slip, *empty = topics
         writer.write_message(slip, message, raw.log_time_ns, raw.publish_time_ns)
+        for topic in empty:
+            nothing = source.sinkage_message(message, writer.types.make)
+            writer.write_message(topic, nothing, raw.log_time_ns, raw.publish_time_ns)
         added.slips += 1
 
 

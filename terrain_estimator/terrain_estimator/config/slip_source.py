@@ -69,3 +69,8 @@ class SlipSourceConfig:
         default=0.02,
         key="pairing_tolerance",
     )
+    empty_sinkage: bool = entry(
+        "publish wheel_sinkage, too, with NaN for all sinkages and contact angles, for a rover that"
+        " measures neither",
+        default=False,
+    )

@@ -23,7 +23,14 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.config.slip_source import SlipSourceConfig
 from terrain_estimator.messaging.pairing import InputTopic, MessageSet, Synchronizer
 from terrain_estimator.observation import Floats
-from terrain_estimator.topics import BODY_FRAME, YAW_IN_TWIST, Make, Message, stamp_ns
+from terrain_estimator.topics import (
+    BODY_FRAME,
+    INPUT_TYPES,
+    YAW_IN_TWIST,
+    Make,
+    Message,
+    stamp_ns,
+)
 from terramechanics.vehicle.rover import Rover
 
 ODOMETRY = "odometry"
@@ -93,7 +100,7 @@ class SlipSource:
         slips = self._slips(joints, velocity)
         self._sequence += 1
         return make(
-            "msg_defs/msg/WheelSlip",
+            INPUT_TYPES["wheel_slip"],
             header=make(
                 "std_msgs/msg/Header",
                 stamp=joints.header.stamp,
@@ -103,6 +110,20 @@ class SlipSource:
             wheel=list(self._rover.wheel_names),
             slip=slips.slip,
             slip_stddev=slips.sd,
+        )
+
+    def sinkage_message(self, slip: Message, make: Make) -> Message:
+        """Return the wheel_sinkage message beside ``slip``, in which nothing is measured."""
+        nothing = np.full(len(slip.wheel), math.nan)
+        return make(
+            INPUT_TYPES["wheel_sinkage"],
+            header=slip.header,
+            sequence=slip.sequence,
+            wheel=slip.wheel,
+            sinkage=nothing,
+            sinkage_stddev=nothing,
+            contact_angle=nothing,
+            contact_angle_stddev=nothing,
         )
 
     def _check_frame(self, velocity: Message) -> None:

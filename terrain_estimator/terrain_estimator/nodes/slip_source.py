@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compute wheel slip as a node: wheel rates and velocity in, wheel_slip out."""
+"""Compute wheel slip as a node: wheel rates and velocity in, wheel_slip out.
+
+With empty_sinkage also wheel_sinkage, for a rover that measures neither sinkages nor contact angles.
+"""
 
 import sys
 from collections.abc import Iterator
@@ -52,6 +55,13 @@ class SlipSourceNode(Node):
         self._output = self.create_publisher(
             message_class(INPUT_TYPES["wheel_slip"]), "wheel_slip", QOS
         )
+        self._empty = (
+            self.create_publisher(
+                message_class(INPUT_TYPES["wheel_sinkage"]), "wheel_sinkage", QOS
+            )
+            if config.empty_sinkage
+            else None
+        )
         topics = {JOINTS: INPUT_TYPES[JOINTS], VELOCITY: VELOCITY_TYPES[config.velocity_type]}
         self._inactivity = InactivityMonitor(self, topics, QOS)
         self._pairing = PairingMonitor(self, topics)
@@ -81,6 +91,8 @@ class SlipSourceNode(Node):
             self._refused.append(str(error))
             return
         self._output.publish(message)
+        if self._empty:
+            self._empty.publish(self._source.sinkage_message(message, make))
         self._used += 1
 
     def _findings(self) -> Iterator[CheckResult]:

@@ -22,12 +22,20 @@ STEPS = 80
 
 
 def bag_without_slip(
-    folder: Path, namespace: str = "", more: tuple[str, ...] = (), frame: str = "base_link"
+    folder: Path,
+    namespace: str = "",
+    more: tuple[str, ...] = (),
+    frame: str = "base_link",
+    *,
+    without_sinkage: bool = False,
 ) -> Path:
     """Write a drive whose velocity comes twice, as from two sensors."""
     types = Types()
     kinds = {
-        name: kind for name, kind in INPUT_TYPES.items() if name != "wheel_slip" or name in more
+        name: kind
+        for name, kind in INPUT_TYPES.items()
+        if (name != "wheel_slip" or name in more)
+        and not (without_sinkage and name == "wheel_sinkage")
     } | {VISUAL: INPUT_TYPES["odom"]}
     with BagWriter(folder) as writer:
         writer.add_metadata("field", {"day": "monday"})
@@ -102,6 +110,29 @@ def test_the_slip_is_that_of_slip_source_the_rest_is_copied_and_the_new_bag_repl
     summary = json.loads((tmp_path / "estimates/summary.json").read_text())["bags"][0]
     assert summary["estimates"] == STEPS
     assert summary["outcomes"]["ACCEPTED"] > 0.9 * STEPS
+
+
+def test_a_bag_without_sinkages_gets_an_empty_topic_and_replays(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = bag_without_slip(tmp_path / "drive", without_sinkage=True)
+    options = ("--velocity", VISUAL, "-p", "empty_sinkage:=true")
+    assert run(bag, *options) == 0
+    out = tmp_path / "drive_slip"
+    with BagReader(out) as reader:
+        slips, depths = (
+            [reader.decode(raw) for raw in reader.messages([topic])]
+            for topic in ("/wheel_slip", "/wheel_sinkage")
+        )
+    assert [each.header for each in depths] == [each.header for each in slips]
+    assert all(np.isnan(each.sinkage).all() for each in depths)
+    capsys.readouterr()
+    sensors = ("-p", "use_sinkage:=false", "-p", "contact_angle_sd:=0.03")
+    assert replay.main([str(out), "--out", str(tmp_path / "estimates"), *sensors]) == 0
+    summary = json.loads((tmp_path / "estimates/summary.json").read_text())["bags"][0]
+    assert summary["outcomes"]["ACCEPTED"] > 0.9 * STEPS
+    assert run(bag_without_slip(tmp_path / "other"), *options) == 2
+    assert "has a topic /wheel_sinkage already" in capsys.readouterr().err
 
 
 def test_a_namespace_and_the_parameters_of_the_node_are_taken(tmp_path: Path) -> None:

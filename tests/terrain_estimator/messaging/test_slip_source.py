@@ -121,6 +121,18 @@ def test_the_deviation_of_an_axle_is_the_spread_of_its_mean_despite_common_error
         )  # 20000 draws: within 2 % with 99.99 %
 
 
+def test_a_sinkage_beside_the_slip_says_that_nothing_is_measured() -> None:
+    slip = published(RATES, 0.1)[0]
+    found = SlipSource(load_rover("mars_rover"), SlipSourceConfig()).sinkage_message(
+        slip, Types().make
+    )
+    assert found.header == slip.header
+    assert found.sequence == slip.sequence
+    assert list(found.wheel) == list(slip.wheel)
+    for name in ("sinkage", "sinkage_stddev", "contact_angle", "contact_angle_stddev"):
+        assert np.isnan(getattr(found, name)).tolist() == [True] * 6
+
+
 @pytest.mark.parametrize("stamped", [False, True])
 def test_a_velocity_of_another_frame_is_refused_and_both_frames_are_named(*, stamped: bool) -> None:
     kind, field = ("twist", "header.frame_id") if stamped else ("odometry", "child_frame_id")
