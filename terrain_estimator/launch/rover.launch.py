@@ -96,8 +96,8 @@ def _nodes(context: LaunchContext) -> list[Node]:
     angle_sd = _number(value, "contact_angle_sd", "radians")
     if angle_sd and not value["velocity"]:
         message = (
-            f"contact_angle_sd:={value['contact_angle_sd']}: give velocity:=, too, since slip_source"
-            " publishes the empty wheel_sinkage"
+            f"contact_angle_sd:={angle_sd:g}: give velocity:=, too, since slip_source publishes the"
+            " empty wheel_sinkage"
         )
         raise ValueError(message)
     sensors: dict[str, Any] = {"use_sinkage": False} if angle_sd else {}

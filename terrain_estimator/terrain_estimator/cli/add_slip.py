@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """add_slip BAG --velocity TOPIC: copy a bag and add wheel_slip from wheel rates and a velocity.
 
-The node slip_source does the same live. With -p empty_sinkage:=true the copy has wheel_sinkage, too,
-in which nothing is measured.
+The node slip_source does the same live. With -p empty_sinkage:=true the copy has
+wheel_sinkage, too, in which nothing is measured.
 
 Exit codes: 0 done; 2 wrong arguments, parameters or bag, or no slip could be computed.
 """

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compute wheel slip as a node: wheel rates and velocity in, wheel_slip out.
 
-With empty_sinkage also wheel_sinkage, for a rover that measures neither sinkages nor contact angles.
+With empty_sinkage also wheel_sinkage, for a rover that measures neither sinkage nor contact angle.
 """
 
 import sys
@@ -56,9 +56,7 @@ class SlipSourceNode(Node):
             message_class(INPUT_TYPES["wheel_slip"]), "wheel_slip", QOS
         )
         self._empty = (
-            self.create_publisher(
-                message_class(INPUT_TYPES["wheel_sinkage"]), "wheel_sinkage", QOS
-            )
+            self.create_publisher(message_class(INPUT_TYPES["wheel_sinkage"]), "wheel_sinkage", QOS)
             if config.empty_sinkage
             else None
         )
