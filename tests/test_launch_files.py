@@ -218,7 +218,7 @@ def test_a_platform_without_sinkage_and_contact_angle_sensors_needs_no_adapter(
 ) -> None:
     asked = PLATFORM | {"contact_angle_sd": "0.05", "planner": "true", "composed": composed}
     found = nodes("platform.launch.py", **asked)
-    expected = {
+    expected: dict[str, dict[str, Any]] = {
         "slip_source": {"empty_sinkage": True},
         "estimator": {"contact_angle_sd": 0.05, "use_sinkage": False},
         "planner": {"use_sinkage": False},
