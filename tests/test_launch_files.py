@@ -236,6 +236,8 @@ def test_a_platform_without_sinkage_and_contact_angle_sensors_needs_no_adapter(
 def test_an_empty_sinkage_needs_the_node_that_publishes_it() -> None:
     with pytest.raises(ValueError, match=r"contact_angle_sd:=0\.05: give velocity:=, too"):
         nodes("rover.launch.py", contact_angle_sd="0.05")
+    with pytest.raises(ValueError, match="wheel_sinkage:=/adapter: give one of them"):
+        nodes("platform.launch.py", **PLATFORM, contact_angle_sd="0.05", wheel_sinkage="/adapter")
     with pytest.raises(ValueError, match="contact_angle_sd:=flat: expected a number of radians"):
         nodes("platform.launch.py", **PLATFORM, contact_angle_sd="flat")
 

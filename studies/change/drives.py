@@ -39,8 +39,8 @@ A gradual change adds its own duration.
 ALARM = 0.9
 """[1] A change is detected where its probability is above this.
 
-Half is reached in the first seconds of a drive, before the ground is known: three times in 4.4 hours
-of the paper's rover on loose sand, of which none went beyond 0.9 (seed 777).
+Half is reached in the first seconds of a drive, before the ground is known: three times in 4.4
+hours of the paper's rover on loose sand, of which none went beyond 0.9 (seed 777).
 """
 _BEFORE_S = 25.0  # on the first ground, at mean speed
 _SLOW = 0.75  # of the lowest cruise speed: slip takes the rest

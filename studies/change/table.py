@@ -52,9 +52,9 @@ TERMS = """## How the drives are judged
 - **Time** counts from the moment at which the first axle crosses.
 - **Crossing**: the median time until the last axle is on the new ground (behind the transition,
   where the change is gradual).
-- **Detected**: the time until `change_probability` rises above {alarm:g}, with {confidence:g} % limits
-  from order statistics. A rise before the crossing is a false alarm. A probability that is already
-  above {alarm:g} at the crossing does not count as detected.
+- **Detected**: the time until `change_probability` rises above {alarm:g}, with {confidence:g} %
+  limits from order statistics. A rise before the crossing is a false alarm. A probability that is
+  already above {alarm:g} at the crossing does not count as detected.
 - **Known again**: the first second after the last axle's crossing from which on two conditions
   hold for {after} s. The median error is at most 1.3 times that of an estimator that starts when
   the last axle has crossed ("fresh"). The coverage of the 95 % interval is at least nominal. Both

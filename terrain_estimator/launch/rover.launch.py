@@ -100,6 +100,13 @@ def _nodes(context: LaunchContext) -> list[Node]:
             " empty wheel_sinkage"
         )
         raise ValueError(message)
+    if angle_sd and value["wheel_sinkage"] != ARGUMENTS["wheel_sinkage"][0]:
+        message = (
+            f"contact_angle_sd:={angle_sd:g} with wheel_sinkage:={value['wheel_sinkage']}: give one"
+            " of them. A rover that publishes wheel_sinkage sets contact_angle_sd of its estimator"
+            " in a file (config:=FOLDER)"
+        )
+        raise ValueError(message)
     sensors: dict[str, Any] = {"use_sinkage": False} if angle_sd else {}
     wanted: dict[str, dict[str, Any] | None] = {
         "estimator": {

@@ -18,7 +18,7 @@ from terrain_estimator.estimator.forecasting import Forecast, Forecasting
 from terrain_estimator.estimator.intake import Intake
 from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, State, judged
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
-from terrain_estimator.estimator.screening import Screening, as_configured, screen
+from terrain_estimator.estimator.screening import Screening, advised, as_configured, screen
 from terrain_estimator.estimator.soundness import unsound, unsound_answer, unsound_fit
 from terrain_estimator.estimator.summary import Beliefs, deviation, inflated, summarise
 from terrain_estimator.model.loaded import LoadedModel
@@ -125,8 +125,9 @@ class Estimator:
             self._last_stamp = observation.stamp_ns
         if screening.outcome.used:
             return self._learn(screening)
+        detail = advised(screening, self._config).detail
         return self._answer(
-            observation.stamp_ns, Decision(screening.outcome, (), _NAN, _NAN, 0, screening.detail)
+            observation.stamp_ns, Decision(screening.outcome, (), _NAN, _NAN, 0, detail)
         )
 
     def reject(self, stamp_ns: int, outcome: Outcome, detail: str) -> Update:

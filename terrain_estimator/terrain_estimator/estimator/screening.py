@@ -3,9 +3,10 @@
 """The screening of an observation before any of its numbers enters the posterior.
 
 An optional sensor that cannot be used is masked (NaN) and the rest is used; what is refused keeps
-its reason. An axle without slip or contact angle costs the whole observation: without it nobody
-knows the load that each of the others carries, and torques alone do not tell the ground. Where a
-sinkage is missing, the balances may tell those of all axles, with torques for what the ground is.
+its reason. An axle without slip or contact angle costs the whole observation: nobody knows the
+load that each of the others carries, and torques alone do not tell the ground. But a contact angle
+may be supposed, and where a sinkage is missing, the balances may tell those of all axles, with
+torques for what the ground is.
 Only what the model cannot take is refused: a threshold inside the model's range, applied to a noisy
 value, would bias what is left. So a sinkage that noise makes slightly negative is no sensor error.
 """
@@ -30,7 +31,6 @@ NOISE_BOUND = 4.0
 STRONGEST_TORQUE = 1e6  # [N m]
 STRONGEST_ACCELERATION = 1e3  # [m/s^2]
 DEVIATIONS = (1e-9, 1e9)  # [SI] outside no square and no ratio of variances is safe from overflow
-_ANGLE = "contact angle"
 _PERCENTAGE = 2.0  # [1] a slip beyond it, either way, is hardly a ratio
 _OTHER_UNIT = 3.0  # [wheel radii] a sinkage beyond it is hardly in metres
 _STEEPEST_GROUND = math.pi / 2.0  # [rad]
@@ -269,16 +269,31 @@ def as_configured(observation: Observation, rover: Rover, config: CoreConfig) ->
 def _supposed_angles(observation: Observation, rover: Rover, deviation: float) -> dict[str, Floats]:
     """Return contact angles in which missing ones are along the body, or along the wheel's bogie.
 
-    A bogie whose angle is not measured leaves those of its wheels missing.
+    A bogie whose angle is not known leaves those of its wheels missing.
     """
-    plane = np.zeros_like(observation.contact_angle)
+    plane, bogie = np.zeros_like(observation.contact_angle), possible_bogie(observation)
     for joint in rover.suspension:
-        plane[list(joint.axles)] = observation.bogie_angle
+        plane[list(joint.axles)] = bogie
     missing = np.isnan(observation.contact_angle)
     return {
         "contact_angle": np.where(missing, plane, observation.contact_angle),
         "contact_angle_sd": np.where(missing, deviation, observation.contact_angle_sd),
     }
+
+
+def possible_bogie(observation: Observation) -> float:
+    """Return the angle [rad] of the bogie, NaN where no bogie has such a one."""
+    return observation.bogie_angle if abs(observation.bogie_angle) < _STEEPEST_BOGIE else math.nan
+
+
+def advised(screening: Screening, config: CoreConfig) -> Screening:
+    """Return the screening with what does without a contact angle, where one is missing."""
+    lacks = np.isnan(screening.observation.contact_angle).any()
+    if screening.outcome is not Outcome.NOT_FINITE or not lacks:
+        return screening
+    bogie = f"measure the bogie's angle, within +-{_STEEPEST_BOGIE:g} rad"
+    way = bogie if config.contact_angle_sd else "set contact_angle_sd"
+    return screening._replace(detail=f"{screening.detail}; without contact angles, {way}")
 
 
 def _wheels(observation: Observation) -> Iterable[tuple[float, ...]]:
@@ -318,9 +333,7 @@ def _wheel_fault(
         sinkage, sinkage_sd = 0.01 * radius, radius  # of no consequence: the balances tell it
     if not (math.isfinite(slip) and math.isfinite(sinkage) and math.isfinite(angle)):
         name, value = _first(lambda each: not math.isfinite(each), slip, sinkage, angle)
-        return Outcome.NOT_FINITE, f"{name} is {value}" + (
-            _instead(config) if name == _ANGLE and math.isnan(value) else ""
-        )
+        return Outcome.NOT_FINITE, f"{name} is {value}"
     if not (_is_deviation(slip_sd) and _is_deviation(sinkage_sd) and _is_deviation(angle_sd)):
         name, value = _first(lambda each: not _is_deviation(each), slip_sd, sinkage_sd, angle_sd)
         return Outcome.BAD_DEVIATION, f"the standard deviation of {name} is {value:g}"
@@ -346,14 +359,8 @@ def _first(
     wrong: Callable[[float], bool], slip: float, sinkage: float, angle: float
 ) -> tuple[str, float]:
     """Return the first of a wheel's numbers that is wrong, with its name."""
-    named = {"slip": slip, "sinkage": sinkage, _ANGLE: angle}
+    named = {"slip": slip, "sinkage": sinkage, "contact angle": angle}
     return next((name, value) for name, value in named.items() if wrong(value))
-
-
-def _instead(config: CoreConfig) -> str:
-    """Return what does without a contact angle."""
-    lacking = "measure the bogie's angle" if config.contact_angle_sd else "set contact_angle_sd"
-    return f"; to do without it, {lacking}"
 
 
 def _sinkage_fault(sinkage: float, deviation: float, radius: float) -> str:

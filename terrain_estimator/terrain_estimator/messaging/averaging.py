@@ -25,7 +25,13 @@ from enum import IntEnum
 import numpy as np
 
 from terrain_estimator.config.estimator import CoreConfig
-from terrain_estimator.estimator.screening import NOISE_BOUND, Screening, as_configured, screen
+from terrain_estimator.estimator.screening import (
+    NOISE_BOUND,
+    Screening,
+    as_configured,
+    possible_bogie,
+    screen,
+)
 from terrain_estimator.messaging.conversion import Conversion, Mark
 from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Floats, Observation
 from terrain_estimator.outcome import Outcome
@@ -310,12 +316,19 @@ class Averager:
 
 
 def _as_given(screening: Screening, reading: Observation) -> Screening:
-    """Return the screening with the contact angles of the ``reading`` before any was supposed."""
+    """Return the screening with the contact angles of the ``reading`` before any was supposed.
+
+    They are supposed again from the bogie's angle, which has to be there.
+    """
     own = screening.observation
     if own.contact_angle is reading.contact_angle:
         return screening
-    angle, deviation = reading.contact_angle, reading.contact_angle_sd
-    observation = dataclasses.replace(own, contact_angle=angle, contact_angle_sd=deviation)
+    observation = dataclasses.replace(
+        own,
+        contact_angle=reading.contact_angle,
+        contact_angle_sd=reading.contact_angle_sd,
+        bogie_angle=possible_bogie(reading),
+    )
     return screening._replace(observation=observation)
 
 

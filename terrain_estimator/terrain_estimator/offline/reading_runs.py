@@ -113,6 +113,10 @@ def _observations(
     used = reading.config.core
     if not used.use_sinkage:
         raise RunError("parameter use_sinkage: the search needs every sinkage: set it to true")
+    if used.contact_angle_sd:
+        raise RunError(
+            "parameter contact_angle_sd: the search needs every contact angle: set it to 0"
+        )
     converter = Converter(rover, reading.config.conversion, used)
     none = True
     readings = (

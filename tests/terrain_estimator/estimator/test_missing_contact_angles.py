@@ -3,13 +3,15 @@
 """Contact angles that no sensor measures: what is supposed, and what is refused."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rover_parameters.parameters import configure
 from rover_parameters.records import ConfigError
-from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
+from terrain_estimator.discovery.runs import RunError
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.estimator.screening import as_configured
 from terrain_estimator.messaging.averaging import Averager
@@ -17,12 +19,15 @@ from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Observation
+from terrain_estimator.offline.bag_options import BagOptions
+from terrain_estimator.offline.reading_runs import read_run
 from terrain_estimator.outcome import Outcome
 from tests.rovers import MARS
 from tests.terrain_estimator.drives import drive_observations
 
 SUPPOSED = CoreConfig(contact_angle_sd=0.03)
 NOTHING = np.full(3, np.nan)
+SAMPLE = Path(__file__).parents[3] / "bags/sample"
 
 
 @pytest.fixture(scope="module")
@@ -71,15 +76,21 @@ def test_the_bogies_angle_is_used_where_its_moments_are_not(measured: list[Obser
 
 @pytest.mark.parametrize(
     ("config", "advice"),
-    [(CoreConfig(), "set contact_angle_sd"), (SUPPOSED, "measure the bogie's angle")],
+    [(CoreConfig(), "set contact_angle_sd"), (SUPPOSED, "measure the bogie's angle, within")],
 )
+@pytest.mark.parametrize("bogie", [np.nan, 1.3, -4.0])
 def test_what_is_lacking_is_named(
-    model: LoadedModel, measured: list[Observation], config: CoreConfig, advice: str
+    model: LoadedModel,
+    measured: list[Observation],
+    config: CoreConfig,
+    advice: str,
+    bogie: float,
 ) -> None:
-    seen = dataclasses.replace(without_angles(measured[0]), bogie_angle=np.nan)
+    seen = dataclasses.replace(without_angles(measured[0]), bogie_angle=bogie)
     decision = Estimator(model, config).update(seen).decision
     assert decision.outcome is Outcome.NOT_FINITE
-    assert f"contact angle is nan; to do without it, {advice}" in decision.detail
+    assert "axle 1: contact angle is nan" in decision.detail
+    assert f"; without contact angles, {advice}" in decision.detail
 
 
 @pytest.mark.parametrize("use_sinkage", [True, False])
@@ -95,8 +106,12 @@ def test_it_estimates_the_ground(
     assert (np.abs(last.mean - [soil.cohesion, soil.tan_phi]) < 3.0 * sd).all()
 
 
-def test_what_is_supposed_is_no_better_for_the_mean_of_many(measured: list[Observation]) -> None:
-    averager, means = Averager(MARS, SUPPOSED), []
+@pytest.mark.parametrize("use_moments", [True, False])
+def test_what_is_supposed_is_no_better_for_the_mean_of_many(
+    measured: list[Observation], *, use_moments: bool
+) -> None:
+    config = dataclasses.replace(SUPPOSED, use_moments=use_moments)
+    averager, means = Averager(MARS, config), []
     for count, each in enumerate(measured[:60], 1):
         seen = dataclasses.replace(without_angles(each), stamp_ns=count * 20_000_000)
         means += averager.add(Conversion(seen.stamp_ns, seen))
@@ -104,8 +119,15 @@ def test_what_is_supposed_is_no_better_for_the_mean_of_many(measured: list[Obser
     assert last is not None
     assert np.isfinite(last.slip).all()
     assert last.slip_sd[0] < 0.6 * measured[0].slip_sd[0]  # a mean
-    found = as_configured(last, MARS, SUPPOSED)
+    found = as_configured(last, MARS, config)
+    assert found.contact_angle[1] == last.bogie_angle != 0.0
     np.testing.assert_array_equal(found.contact_angle_sd, [0.03] * 3)
+
+
+def test_the_search_refuses_the_parameter() -> None:
+    options = BagOptions(config=EstimatorConfig(core=SUPPOSED))
+    with pytest.raises(RunError, match="contact_angle_sd: the search needs every contact angle"):
+        read_run(SAMPLE, MARS, options)
 
 
 @pytest.mark.parametrize("value", [-0.01, 0.6, float("nan")])

@@ -75,6 +75,8 @@ CORES = (
     CoreConfig(),
     CoreConfig(use_imu=False),
     CoreConfig(use_torque=False, use_moments=False),
+    CoreConfig(use_moments=False, contact_angle_sd=0.03),
+    CoreConfig(use_sinkage=False),
 )
 TYPES = Types()
 
