@@ -65,7 +65,7 @@ lateral: workspace  ## the bound of a minute of skid steering, for docs/lateral.
 off-plane: workspace  ## what turns and cross slopes do to the estimate, for docs/lateral.md, 15 minutes of one core
 	ros2_ws/with python -m studies.off_plane $(ARGS)
 
-sensors: workspace  ## what each sensor is worth, for docs/bring_your_own_sensors.md, 15 minutes of one core
+sensors: workspace  ## what each sensor is worth, for docs/bring_your_own_sensors.md, 25 minutes of one core
 	ros2_ws/with python -m studies.sensors $(ARGS)
 
 measured: workspace  ## judge the contact law on wheels that laboratories measured, 6 minutes of one core: docs/measured.md
