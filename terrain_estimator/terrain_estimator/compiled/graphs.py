@@ -53,6 +53,7 @@ class Graphs:
         if self._unit is None:
             raise UntranslatableError("read the model with read_for_translation()")
         self._found: dict[str, tuple[Graph, str | None, str]] = {}
+        self.decoded: dict[str, Any] = {}  # what an interpreter has read, by C++ name
 
     def method(self, path: str, name: str) -> tuple[str, Graph]:
         """Return C++ name and graph of a method of the module at ``path``."""

@@ -8,12 +8,21 @@ and the path that a drive took (``recording``).
 """
 
 import operator
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 
-from terrain_estimator.compiled.graphs import Anything, Graph, Graphs, Node, overload_of
+from terrain_estimator.compiled.graphs import (
+    Anything,
+    Block,
+    Graph,
+    Graphs,
+    Node,
+    joined,
+    overload_of,
+)
 
 Watch = Callable[[str, list[Any], list[Any]], None]
 Enter = Callable[[str, list[Any]], None]
@@ -102,38 +111,32 @@ class Interpreter:
     ) -> Anything:
         if self._enter is not None:
             self._enter(name, arguments)
-        values: dict[str, Any] = {}
-        inputs = list(graph.inputs())
-        if path is not None:
-            values[inputs[0].debugName()] = _Module(path)
-            inputs = inputs[1:]
-        for value, given in zip(inputs, arguments, strict=True):
-            values[value.debugName()] = given
-        self._block(graph.nodes(), values)
-        (output,) = graph.outputs()
-        return values[output.debugName()]
+        decoded = self._graphs.decoded.get(name)
+        if decoded is None:
+            decoded = self._graphs.decoded[name] = _block_of(graph)
+        given = arguments if path is None else [_Module(path), *arguments]
+        (result,) = self._block(decoded, given, {})
+        return result
 
-    def _block(self, nodes: Iterable[Node], values: dict[str, Any]) -> None:
-        for node in nodes:
-            given = [values.get(v.debugName()) for v in node.inputs()]
-            special = getattr(self, "_" + node.kind().split("::")[1].lower(), None)
-            if node.kind() in _NOTHING:
-                results: list[Any] = [None]
-            elif node.kind().startswith("prim::") and special is not None:
-                results = special(node, given, values)
+    def _block(self, block: "_Block", given: list[Any], values: dict[str, Any]) -> list[Any]:
+        """Return the outputs of a block; ``values`` are those of the blocks around it, by name."""
+        values.update(zip(block.inputs, given, strict=True))
+        for node in block.nodes:
+            arguments = [values.get(name) for name in node.inputs]
+            if node.special is None:
+                results = self._operator(node, arguments)
             else:
-                results = self._operator(node, given)
-            for value, result in zip(node.outputs(), results, strict=True):
-                values[value.debugName()] = result
+                results = node.special(self, node, arguments, values)
+            values.update(zip(node.outputs, results, strict=True))
+        return [values[name] for name in block.outputs]
 
-    def _operator(self, node: Node, given: list[Any]) -> list[Any]:
-        kind, overload = node.kind(), overload_of(node)
+    def _operator(self, node: "_Node", given: list[Any]) -> list[Any]:
+        kind, overload, count = node.kind, node.overload, len(node.outputs)
         on_tensors = any(_has_tensor(v) for v in given)
         if kind == "aten::Bool" and on_tensors and self._branch is not None:
             self._branch(given[0])
         elif kind in _TAKEN_OUT and on_tensors and self._watch is not None:
             self._watch(overload, given, [])
-        count = len(list(node.outputs()))
         if kind in _PYTHON:
             result = _PYTHON[kind](*given)
             if kind == "aten::append":
@@ -169,23 +172,23 @@ class Interpreter:
 
     # ---- what is not an operator
 
-    def _constant(self, node: Node, given: list[Any], values: dict[str, Any]) -> list[Any]:
-        (output,) = node.outputs()
-        return [None] if output.type().kind() == "FunctionType" else [output.toIValue()]
+    def _nothing(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
+        return [None]
 
-    def _getattr(self, node: Node, given: list[Any], values: dict[str, Any]) -> list[Any]:
-        (output,) = node.outputs()
-        path, name = given[0].path, node.s("name")
-        whole = f"{path}.{name}" if path else name
-        if output.type().kind() == "ClassType":
-            return [_Module(whole)]
-        return [self._graphs.attribute(path, name)]
+    def _constant(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
+        return [node.constant]
 
-    def _callmethod(self, node: Node, given: list[Any], values: dict[str, Any]) -> list[Any]:
-        return [self.method(given[0].path, node.s("name"), given[1:])]
+    def _getattr(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
+        path = given[0].path
+        if node.gives_module:
+            return [_Module(joined(path, node.name))]
+        return [self._graphs.attribute(path, node.name)]
 
-    def _callfunction(self, node: Node, given: list[Any], values: dict[str, Any]) -> list[Any]:
-        qualified = str(next(iter(node.inputs())).type())
+    def _callmethod(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
+        return [self.method(given[0].path, node.name, given[1:])]
+
+    def _callfunction(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
+        qualified = node.name
         if not qualified.startswith("__torch__.torch."):
             return [self.function(qualified, given[1:])]
         function: Any = torch
@@ -196,50 +199,104 @@ class Interpreter:
             self._watch(qualified.removeprefix("__torch__."), given[1:], [result])
         return [result]
 
-    def _listconstruct(self, node: Node, given: list[Any], values: dict[str, Any]) -> list[Any]:
-        return [list(given)]
+    def _listconstruct(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
+        return [given]
 
-    def _tupleconstruct(self, node: Node, given: list[Any], values: dict[str, Any]) -> list[Any]:
+    def _tupleconstruct(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
         return [tuple(given)]
 
-    def _dictconstruct(self, node: Node, given: list[Any], values: dict[str, Any]) -> list[Any]:
+    def _dictconstruct(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
         return [dict(zip(given[::2], given[1::2], strict=True))]
 
-    def _listunpack(self, node: Node, given: list[Any], values: dict[str, Any]) -> list[Any]:
+    def _listunpack(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
         return list(given[0])
 
-    def _tupleunpack(self, node: Node, given: list[Any], values: dict[str, Any]) -> list[Any]:
+    def _tupleunpack(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
         return list(given[0])
 
-    def _tupleindex(self, node: Node, given: list[Any], values: dict[str, Any]) -> list[Any]:
+    def _tupleindex(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
         return [given[0][given[1]]]
 
-    def _unchecked_cast(self, node: Node, given: list[Any], values: dict[str, Any]) -> list[Any]:
+    def _unchecked_cast(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
         return given
 
-    def _uninitialized(self, node: Node, given: list[Any], values: dict[str, Any]) -> list[Any]:
+    def _uninitialized(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
         return [None]
 
-    def _raiseexception(self, node: Node, given: list[Any], values: dict[str, Any]) -> list[Any]:
+    def _raiseexception(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
         raise RuntimeError(given[0])
 
-    def _if(self, node: Node, given: list[Any], values: dict[str, Any]) -> list[Any]:
-        yes, no = node.blocks()
-        block = yes if given[0] else no
-        self._block(block.nodes(), values)
-        return [values[v.debugName()] for v in block.outputs()]
+    def _if(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
+        yes, no = node.blocks
+        return self._block(yes if given[0] else no, [], values)
 
-    def _loop(self, node: Node, given: list[Any], values: dict[str, Any]) -> list[Any]:
+    def _loop(self, node: "_Node", given: list[Any], values: dict[str, Any]) -> list[Any]:
         most, goes, *carried = given
-        (block,) = node.blocks()
+        (block,) = node.blocks
         count = 0
         while goes and count < most:
-            for value, now in zip(block.inputs(), [count, *carried], strict=True):
-                values[value.debugName()] = now
-            self._block(block.nodes(), values)
-            goes, *carried = [values[v.debugName()] for v in block.outputs()]
+            goes, *carried = self._block(block, [count, *carried], values)
             count += 1
         return list(carried)
+
+
+Special = Callable[[Interpreter, "_Node", list[Any], dict[str, Any]], list[Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Block:
+    """What a block of a graph does; torch's own objects are slow to ask."""
+
+    inputs: tuple[str, ...]
+    nodes: tuple["_Node", ...]
+    outputs: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Node:
+    """One node of a block."""
+
+    kind: str
+    overload: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    special: Special | None  # what it does where it is no operator
+    constant: Any  # of a constant
+    name: str  # of the attribute, method or function
+    gives_module: bool
+    blocks: tuple[_Block, ...]
+
+
+def _block_of(block: Block) -> _Block:
+    """Return what a graph or block does."""
+    return _Block(
+        tuple(each.debugName() for each in block.inputs()),
+        tuple(map(_node_of, block.nodes())),
+        tuple(each.debugName() for each in block.outputs()),
+    )
+
+
+def _node_of(node: Node) -> _Node:
+    kind, inputs, outputs = node.kind(), list(node.inputs()), list(node.outputs())
+    special: Special | None = None
+    if kind in _NOTHING:
+        special = Interpreter._nothing  # noqa: SLF001 (of this module)
+    elif kind.startswith("prim::"):
+        special = getattr(Interpreter, "_" + kind.removeprefix("prim::").lower(), None)
+    of_type = outputs[0].type().kind() if outputs else ""
+    is_value = kind == "prim::Constant" and of_type != "FunctionType"
+    name = str(inputs[0].type()) if kind == "prim::CallFunction" else ""
+    return _Node(
+        kind,
+        overload_of(node),
+        tuple(each.debugName() for each in inputs),
+        tuple(each.debugName() for each in outputs),
+        special,
+        outputs[0].toIValue() if is_value else None,
+        node.s("name") if node.hasAttribute("name") else name,
+        of_type == "ClassType",
+        tuple(map(_block_of, node.blocks())),
+    )
 
 
 class _Module:
