@@ -11,11 +11,13 @@ from terrain_estimator.discovery.evidence.common_constants import (
     WithCommonConstants,
     changed_constants,
     fit_together,
+    relative_change,
 )
 from terrain_estimator.discovery.hypotheses.equations import Query
 from terrain_estimator.discovery.hypotheses.library import NOTHING, singles
 from terrain_estimator.discovery.hypotheses.next_effect import Known, NextEffectTask
 from terrain_estimator.discovery.leftover.flexible import no_columns
+from terramechanics.terrain.soil import CONSTANTS
 from tests.terrain_estimator.discovery.known import LOOSE, study
 
 NONE = torch.zeros(0, dtype=torch.float64)
@@ -34,15 +36,19 @@ def queries(sizes: tuple[float, ...], steps: tuple[float, ...]) -> list[Query]:
 
 def test_a_change_in_common_is_the_same_as_that_of_every_run() -> None:
     sd = study("").nominal.prior.constants_sd
-    log = torch.tensor([0.0, 0.1, 0.0, -0.2, 0.0], dtype=torch.float64)
-    together = WithCommonConstants(study("").evaluate(NOTHING), (0, 0), 5, sd)
+    change = torch.tensor([0.05, 0.1, 0.0, -0.2, 0.0], dtype=torch.float64)
+    factor = torch.cat([1.0 + change[:1], torch.exp(change[1:])])  # of n itself, else a logarithm
+    slope = torch.cat([torch.ones(1, dtype=torch.float64), torch.exp(change[1:])])
+    together = WithCommonConstants(
+        study("").evaluate(NOTHING), (0, 0), torch.zeros_like(change), sd
+    )
     with torch.inference_mode():
-        found = together(queries(tuple(log.tolist()), (0.0,) * 5))
+        found = together(queries(tuple(change.tolist()), (0.0,) * 5))
         own = [
             dataclasses.replace(
                 each,
                 unknowns=dataclasses.replace(
-                    each.unknowns, kappa=each.unknowns.kappa + torch.expm1(log) / sd
+                    each.unknowns, kappa=each.unknowns.kappa + (factor - 1.0) / sd
                 ),
             )
             for each in queries((), ())
@@ -50,18 +56,45 @@ def test_a_change_in_common_is_the_same_as_that_of_every_run() -> None:
         expected = study("").evaluate(NOTHING)(own)
     for each, alone in zip(found, expected, strict=True):
         assert each.misfit == alone.misfit
-        by_own = alone.gradient[2:7] * torch.exp(log) / sd
-        assert torch.allclose(each.gradient[-5:], by_own)
+        assert torch.allclose(each.gradient[-5:], alone.gradient[2:7] * slope / sd)
         assert torch.equal(each.gradient[:-5], alone.gradient)
         assert torch.allclose(
             each.hessian[-5:, -5:].diagonal(),
-            (torch.exp(log) / sd).square() * alone.hessian[2:7, 2:7].diagonal(),
+            (slope / sd).square() * alone.hessian[2:7, 2:7].diagonal(),
         )
+
+
+def test_changes_count_from_the_constants_as_told_wherever_the_rows_are_evaluated() -> None:
+    """Runs without a scatter of their own have one misfit on the soil as told and on another."""
+    nominal = study("").nominal
+    reached = torch.tensor([-0.1, 0.2, 0.1, 0.15, -0.05], dtype=torch.float64)
+    there = dict(zip(CONSTANTS, changed_constants(nominal, LOOSE, reached).tolist(), strict=True))
+    soil = LOOSE.with_values(**there)
+    assert torch.allclose(relative_change(nominal, LOOSE, soil), reached)
+    at = dataclasses.replace(nominal, revised=((LOOSE, soil),))
+    change = reached + 0.02
+    asked = [
+        dataclasses.replace(
+            each,
+            unknowns=dataclasses.replace(
+                each.unknowns, kappa=torch.zeros_like(each.unknowns.kappa)
+            ),
+            known=None,
+        )
+        for each in queries(tuple(change.tolist()), (0.0,) * 5)
+    ]
+    places, sd = (0, 0), nominal.prior.constants_sd
+    with torch.inference_mode():
+        near = WithCommonConstants(study("").evaluate(NOTHING, at), places, reached, sd)(asked)
+        far = WithCommonConstants(study("").evaluate(NOTHING), places, 0.0 * reached, sd)(asked)
+    for one, other in zip(near, far, strict=True):
+        assert one.misfit == pytest.approx(other.misfit, rel=1e-6)
+        assert torch.allclose(one.gradient[-5:], other.gradient[-5:], rtol=1e-3)
 
 
 def test_where_the_soil_file_is_right_the_constants_in_common_stay() -> None:
     with torch.inference_mode():
-        found = fit_together(study(""), study("").nothing, study("").nominal)
+        found = fit_together(study(""), NOTHING, study("").nothing.fit.point, study("").nominal)
     change = found.point.shared
     assert float((change / found.covariance.diagonal().sqrt()).abs().max()) < 3.0
     constants = changed_constants(study("").nominal, LOOSE, torch.zeros_like(change))

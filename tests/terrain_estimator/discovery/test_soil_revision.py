@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A soil file that is wrong: its constants are found, alone and beside an effect, and proven."""
 
+import dataclasses
 from functools import cache
 
 import pytest
@@ -15,7 +16,12 @@ from terrain_estimator.discovery.evidence.verdict import Verdict, read_threshold
 from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
 from terrain_estimator.discovery.proof.soil_proof import Proven, proven
-from terrain_estimator.discovery.report.finding import Finding, investigate
+from terrain_estimator.discovery.report.finding import (
+    LEAST_BESIDE,
+    Finding,
+    besides_soil,
+    investigate,
+)
 from terrain_estimator.discovery.runs import Blocks, RecordedRun, cut
 from terrain_estimator.learning.tasks import measure_tasks
 from terrain_estimator.offline.revised_soils import soils_content, write_soils
@@ -101,6 +107,20 @@ def test_an_effect_is_named_beside_a_wrong_soil_file() -> None:
     assert finding.soil is not None
     ((_, size, sd),) = finding.best.sizes
     assert abs(size - 25.0) < 3.0 * sd
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.9, Verdict.UNKNOWN), (1.1, Verdict.NAMED)])
+def test_a_name_that_gains_little_on_revised_constants_is_unknown(
+    share: float, verdict: Verdict
+) -> None:
+    finding = found(25.0, "regolith")
+    ((first, _), *others) = finding.gains.named
+    weak = dataclasses.replace(finding.gains, named=((first, share * LEAST_BESIDE), *others))
+    judgement = besides_soil(dataclasses.replace(finding, gains=weak))
+    assert judgement.verdict is verdict
+    assert judgement.named[0].names == ("payload",)
+    assert sum(judgement.probabilities.values()) == pytest.approx(1.0)
+    assert (judgement.probabilities["unknown"] > 0.9) == (verdict is Verdict.UNKNOWN)
 
 
 def test_constants_are_not_revised_where_the_soil_file_is_right() -> None:

@@ -15,24 +15,27 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.evidence.fit import Evaluate, Fit, fit
-from terrain_estimator.discovery.evidence.study import Candidate, Study
+from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.hypotheses.equations import Equations, Query
-from terrain_estimator.discovery.hypotheses.library import Shared
+from terrain_estimator.discovery.hypotheses.library import Hypothesis, Shared
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
-from terrain_estimator.discovery.leftover.flexible import no_columns
+from terrain_estimator.discovery.hypotheses.unknowns import Point
+from terrain_estimator.model.physics import UNCERTAIN
 from terramechanics.terrain.soil import Soil
 
 COMMON_SD = 0.5
 """[1] Relative prior deviation of the constants that the runs of a soil have in common."""
-LONGEST = 0.4
-"""[1] Largest change of the logarithm of a constant in one step."""
+LEAST_EXPONENT = 0.2
+"""[1] Least exponent n, over that told."""
+LONGEST, LONGEST_STIFFNESS = 0.4, 1.6
+"""[1] Largest change in one step, and that of k_phi: a small change of n goes with a large one."""
 STEPS = 10
 """Steps of the search at most."""
 DARING = 6
 """Of these the first ones, which are made even where they fit worse.
 
-Constants make up for each other along a bent valley: a step along it leaves the floor, to which the
-next one comes back. By steps that must each fit better the search does not get far.
+Constants make up for each other along bent valleys: a step along one leaves the floor, to which the
+next step comes back. By steps that must each fit better the search does not get far.
 """
 
 
@@ -40,48 +43,53 @@ next one comes back. By steps that must each fit better the search does not get 
 class WithCommonConstants:
     """Equations of all runs whose last shared unknowns are changes of the constants in common.
 
-    They are logarithms of factors, M for each of S soils, so that no constant changes its sign and
-    a stiffness may change many times over.
+    There are M for each of S soils, relative to the constants as told: the change of n itself and
+    logarithms of factors of the others, so that these keep their sign and a stiffness may change
+    many times over. The pressure k z^n then has a straight valley, along which k makes up for n.
     """
 
-    evaluate: Evaluate  # without the changes
+    evaluate: Evaluate  # at constants that have the changes ``reached``
     places: tuple[int, ...]  # of each run's soil among the S
-    count: int  # S M
+    reached: Tensor  # [S M]
     sd: float  # [1] relative prior deviation of a run's own constants, their unit
 
     def __call__(self, queries: Sequence[Query]) -> list[Equations]:
         """Return the equations of every run at constants that are changed."""
-        logs = [self._logs(query, place) for query, place in zip(queries, self.places, strict=True)]
+        changes = [self._changes(each, k) for each, k in zip(queries, self.places, strict=True)]
+        constants = _factors(self.reached.view(-1, changes[0].shape[0]))
         found = self.evaluate(
-            [self._changed(query, log) for query, log in zip(queries, logs, strict=True)]
+            [
+                self._moved(query, _factors(to) / constants[place])
+                for query, to, place in zip(queries, changes, self.places, strict=True)
+            ]
         )
         return [
-            self._extended(each, place, log)
-            for each, place, log in zip(found, self.places, logs, strict=True)
+            self._extended(each, place, _slopes(to) / constants[place])
+            for each, to, place in zip(found, changes, self.places, strict=True)
         ]
 
-    def _logs(self, query: Query, place: int) -> Tensor:
+    def _changes(self, query: Query, place: int) -> Tensor:
         """Return the changes [M] of a run's soil."""
-        each = torch.tensor(query.sizes[-self.count :], dtype=torch.float64)
+        each = torch.tensor(query.sizes[-self.reached.shape[0] :], dtype=torch.float64)
         return each.view(-1, query.unknowns.kappa.shape[0])[place]
 
-    def _changed(self, query: Query, logs: Tensor) -> Query:
-        """Return the query without the changes, at constants that have them."""
-        unknowns = query.unknowns
-        kappa = unknowns.kappa + torch.expm1(logs) / self.sd
+    def _moved(self, query: Query, factors: Tensor) -> Query:
+        """Return the query without the changes, at constants times ``factors`` [M]."""
+        unknowns, count = query.unknowns, self.reached.shape[0]
+        kappa = unknowns.kappa + (factors - 1.0) / self.sd
         return dataclasses.replace(
             query,
             unknowns=dataclasses.replace(unknowns, kappa=kappa),
-            sizes=query.sizes[: -self.count],
-            steps=query.steps[: -self.count],
+            sizes=query.sizes[:-count],
+            steps=query.steps[:-count],
         )
 
-    def _extended(self, equations: Equations, place: int, logs: Tensor) -> Equations:
+    def _extended(self, equations: Equations, place: int, slopes: Tensor) -> Equations:
         """Return the equations with the changes as last unknowns: they move what a run's own do."""
-        constants = logs.shape[0]
+        constants, count = slopes.shape[0], self.reached.shape[0]
         own = slice(2, 2 + constants)
-        moved = torch.zeros(equations.hessian.shape[0], self.count, dtype=torch.float64)
-        moved[own, place * constants : (place + 1) * constants] = torch.diag(logs.exp() / self.sd)
+        moved = torch.zeros(equations.hessian.shape[0], count, dtype=torch.float64)
+        moved[own, place * constants : (place + 1) * constants] = torch.diag(slopes / self.sd)
         both = torch.cat([torch.eye(moved.shape[0], dtype=torch.float64), moved], 1)
         return dataclasses.replace(
             equations,
@@ -91,46 +99,74 @@ class WithCommonConstants:
         )
 
 
-def fit_together(study: Study, start: Candidate, at: Nominal) -> Fit:
+def _is(name: str, changes: Tensor) -> Tensor:
+    """Return which of the changes [..., M] is that of a constant, [M] bool."""
+    return torch.arange(changes.shape[-1]) == UNCERTAIN.index(name)
+
+
+def _factors(changes: Tensor) -> Tensor:
+    """Return the factors [..., M] of the constants as told."""
+    return torch.where(_is("n", changes), 1.0 + changes, torch.exp(changes))
+
+
+def _slopes(changes: Tensor) -> Tensor:
+    """Return the derivatives [..., M] of the factors by the changes."""
+    return torch.where(_is("n", changes), 1.0, torch.exp(changes))
+
+
+def fit_together(study: Study, hypothesis: Hypothesis, start: Point, at: Nominal) -> Fit:
     """Fit a hypothesis and the changes of the constants of every soil that ``study`` has.
 
-    Begin at ``start``, which was fitted to the runs on the soils of ``at``. The shared unknowns of
-    the result are those of the hypothesis, then the changes as WithCommonConstants has them.
+    Begin at ``start`` on the soils of ``at``. Of these the runs' own constants are a share. The
+    shared unknowns of the result are those of the hypothesis, then the changes as
+    WithCommonConstants has them.
     """
-    soils, sizes = study.soils, start.hypothesis.shared()
-    told, sd = list(dict.fromkeys(soils)), study.nominal.prior.constants_sd
-    changes = torch.cat([_change(study.nominal, at, soil) for soil in told])
-    one = torch.ones_like(changes)
-    shared = Shared(
-        torch.cat([sizes.low, -torch.inf * one]),
-        torch.cat([sizes.high, torch.inf * one]),
-        torch.cat([sizes.sd, COMMON_SD * one]),
-        (*sizes.step, *[0.0] * len(changes)),
-        torch.cat([torch.full_like(sizes.low, torch.inf), LONGEST * one]),
-    )
-    places = tuple(map(told.index, soils))
+    soils, told = study.soils, list(dict.fromkeys(study.soils))
+    changes = [relative_change(study.nominal, soil, at.soil_of(soil)) for soil in told]
+    reached, sd = torch.cat(changes), study.nominal.prior.constants_sd
     return fit(
-        WithCommonConstants(study.evaluate(start.hypothesis), places, len(changes), sd),
-        start.fit.point.with_shared(torch.cat([start.fit.point.shared, changes])),
-        shared,
-        no_columns(study.runs).columns,
+        WithCommonConstants(
+            study.evaluate(hypothesis, at), tuple(map(told.index, soils)), reached, sd
+        ),
+        start.with_shared(torch.cat([start.shared, reached])),
+        _shared(hypothesis.shared(), changes),
+        study.no_columns,
         [None] * len(soils),
         most=STEPS,
         daring=DARING,
     )
 
 
-def _change(told: Nominal, at: Nominal, soil: Soil) -> Tensor:
-    """Return the change [M] of a soil's constants from those told to those of ``at``."""
-    before, after = (nominal_of(told.rover, each, told.prior) for each in (soil, at.soil_of(soil)))
+def _shared(sizes: Shared, changes: Sequence[Tensor]) -> Shared:
+    """Return the sizes of effects and the changes of the constants as shared unknowns."""
+    exponent = torch.cat([_is("n", each) for each in changes])
+    stiffness = torch.cat([_is("k_phi", each) for each in changes])
+    free = torch.full_like(torch.cat(list(changes)), torch.inf)
+    longest = torch.where(stiffness, LONGEST_STIFFNESS, LONGEST)
+    return Shared(
+        torch.cat([sizes.low, torch.where(exponent, LEAST_EXPONENT - 1.0, -free)]),
+        torch.cat([sizes.high, free]),
+        torch.cat([sizes.sd, torch.full_like(free, COMMON_SD)]),
+        (*sizes.step, *[0.0] * len(free)),
+        torch.cat([torch.full_like(sizes.low, torch.inf), longest]),
+    )
+
+
+def relative_change(told: Nominal, soil: Soil, found: Soil) -> Tensor:
+    """Return the change [M] of a soil's constants to those of ``found``.
+
+    As WithCommonConstants has it.
+    """
+    before, after = (nominal_of(told.rover, each, told.prior) for each in (soil, found))
     kappa = torch.linalg.lstsq(
         before.uncertain.T, (after.contact.constants - before.contact.constants).unsqueeze(1)
     ).solution.squeeze(1)
-    return torch.log1p(kappa * told.prior.constants_sd)
+    factors = 1.0 + kappa * told.prior.constants_sd
+    return torch.where(_is("n", factors), factors - 1.0, torch.log(factors))
 
 
 def changed_constants(told: Nominal, soil: Soil, change: Tensor) -> Tensor:
     """Return the constants [6] of a soil whose uncertain ones have changed by ``change`` [M]."""
     ground = nominal_of(told.rover, soil, told.prior)
-    kappa = torch.expm1(change) / told.prior.constants_sd
+    kappa = (_factors(change) - 1.0) / told.prior.constants_sd
     return ground.contact.constants + kappa @ ground.uncertain

@@ -18,9 +18,13 @@ from terrain_estimator.discovery.evidence.common_constants import (
     COMMON_SD,
     changed_constants,
     fit_together,
+    relative_change,
 )
+from terrain_estimator.discovery.evidence.soil_starts import best_start
 from terrain_estimator.discovery.evidence.study import Candidate, Study
+from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
+from terrain_estimator.discovery.hypotheses.unknowns import Point
 from terramechanics.terrain.soil import CONSTANTS, Soil
 
 
@@ -63,17 +67,39 @@ def revised(told: Study, start: Candidate, at: Study | None = None) -> RevisedSt
     ``told`` is on the soil files; ``start`` is a fit of the hypothesis to the runs on the soils of
     ``at``, by default those of the files. None where the constants that fit are none of a soil.
     """
-    together = fit_together(told, start, (at or told).nominal)
-    effects = len(start.hypothesis.shared().step)
+    hypothesis = start.hypothesis
+    together = fit_together(told, hypothesis, start.fit.point, (at or told).nominal)
+    effects = len(hypothesis.shared().step)
     values, changes = together.point.shared[:effects], together.point.shared[effects:]
     try:
         soils = _changed(told, changes)
     except ConfigError:
         return None
     nominal = dataclasses.replace(told.nominal, revised=tuple(soils.items()))
-    point = together.point.with_shared(values)
-    there = Study(nominal, told.runs, told.mask, told.contributions, point.with_shared(values[:0]))
-    beside = there.fit_from(start.hypothesis, point) if effects else there.nothing
+    return _on(told, hypothesis, nominal, together.point.with_shared(values))
+
+
+def revised_alone(told: Study, enough: float) -> RevisedStudy | None:
+    """Return the study on the constants that explain the runs best with nothing else missing.
+
+    They are searched from the soil files, and from other soils, too, where those found from the
+    files explain less than ``enough`` [nat]. None as in :func:`revised`.
+    """
+    near = revised(told, told.nothing)
+    if near is not None and near.gain(near.beside, told) >= enough:
+        return near
+    start = best_start(told)
+    at = _on(told, NOTHING, start.nominal, start.point)
+    tried = (near, at, revised(told, at.beside, at.study))
+    found = [each for each in tried if each is not None]
+    return max(found, key=lambda each: each.gain(each.beside, told))
+
+
+def _on(told: Study, hypothesis: Hypothesis, nominal: Nominal, point: Point) -> RevisedStudy:
+    """Return the study on the soils of ``nominal``, from a point near the fit of a hypothesis."""
+    nothing = point.with_shared(point.shared[:0])
+    there = Study(nominal, told.runs, told.mask, told.contributions, nothing)
+    beside = there.fit_from(hypothesis, point) if hypothesis.effects else there.nothing
     return RevisedStudy(there, *_revisions(there, told.nominal), beside)
 
 
@@ -106,10 +132,10 @@ def _revisions(study: Study, told: Nominal) -> tuple[tuple[Revision, ...], float
         relative = told.prior.constants_sd / math.sqrt(count)
         uncertain = nominal_of(told.rover, soil, told.prior).uncertain
         scale = uncertain.sum(0) / told.prior.constants_sd  # [6] the constants as told
-        shift = (found.constants() - soil.constants()) / scale.clamp(min=1e-300)
         free = scale > 0.0
         price += int(free.sum()) * math.log(COMMON_SD / relative)
-        price += 0.5 * float((shift[free] / COMMON_SD).square().sum())
+        change = relative_change(told, soil, found)
+        price += 0.5 * float((change / COMMON_SD).square().sum())
         sd = {
             name: relative * float(size)
             for name, size, is_free in zip(CONSTANTS, scale, free, strict=True)

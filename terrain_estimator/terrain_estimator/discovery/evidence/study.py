@@ -74,18 +74,28 @@ class Study:
         )
         self.contributions = contributions or here(self.runs)
         self._plain = no_columns(self.runs)
-        self.nothing = self._nothing(start or self._prior_mean())
+        self.nothing = self._nothing(start or self.prior_mean())
 
     @property
     def soils(self) -> list[Soil]:
         """The soil of each run, as told."""
         return [run.soil or self.nominal.soil for run in self.runs]
 
-    def evaluate(self, hypothesis: Hypothesis) -> Evaluate:
-        """Return the equations of every run under a hypothesis, as a function of the point."""
-        return partial(self.contributions, ContributionTask(self.nominal, hypothesis, self.mask))
+    def evaluate(self, hypothesis: Hypothesis, at: Nominal | None = None) -> Evaluate:
+        """Return the equations of every run under a hypothesis, as a function of the point.
 
-    def _prior_mean(self) -> Point:
+        ``at`` is another nominal model than that of the study.
+        """
+        task = ContributionTask(at or self.nominal, hypothesis, self.mask)
+        return partial(self.contributions, task)
+
+    @property
+    def no_columns(self) -> Sequence[Tensor]:
+        """Columns of a discrepancy that is not there, of every run."""
+        return self._plain.columns
+
+    def prior_mean(self) -> Point:
+        """Return the prior's mean, with the velocities of the runs."""
         velocities = [velocities_of(run) for run in self.runs]
         return start_of(velocities, self.nominal.uncertain.shape[0], self.nominal.prior)
 
