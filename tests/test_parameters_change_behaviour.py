@@ -18,7 +18,9 @@ from docs.pages import NODES
 from rover_parameters.parameters import configure, parameters
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.messages import step_messages
-from rover_sim_node.run import SimulatedReading, SimulatedRun
+from rover_sim_node.reading import SimulatedReading
+from rover_sim_node.run import SimulatedRun
+from rover_sim_node.turning_run import TurningRun
 from rover_sim_node.velocity_commands import VelocityCommands
 from terrain_estimator.bags import BagWriter, Types
 from terrain_estimator.config.estimator import EstimatorConfig
@@ -239,7 +241,10 @@ def test_the_rover_file_names_the_wheels(tmp_path: Path) -> None:
 
 def readings(values: dict[str, Any], steps: int) -> tuple[SimulatorConfig, list[SimulatedReading]]:
     config = configure(SimulatorConfig, values)
-    run = SimulatedRun(config)
+    run = TurningRun(config) if config.steering else SimulatedRun(config)
+    if config.steering:
+        assert run.commands is not None
+        assert run.commands.request((0.05, 0.0, 0.0), (0.0, 0.0, 0.1)) == ""
     return config, [run.step() for _ in range(steps)]
 
 
@@ -264,6 +269,7 @@ SOIL = {
     "cohesion": 1200.0,
     "tan_phi": 0.5,
 }
+TURNING = {"steering": "skid", "schedule": "cmd_vel"}
 SIMULATOR: dict[str, tuple[Any, dict[str, Any]]] = {
     "rover": ("paper_rover", {}),
     "soil": ("compact_sand", {}),
@@ -275,6 +281,9 @@ SIMULATOR: dict[str, tuple[Any, dict[str, Any]]] = {
     "profile": ("ramp", {}),
     "ramp_grade": (0.1, {"profile": "ramp", "rate": 1.0}),
     "step_rise": (0.1, {"profile": "step", "rate": 1.0}),
+    "steering": ("all_wheels", TURNING),
+    "cross_slope": (0.1, TURNING),
+    "yaw_inertia": (100.0, TURNING),
     "effect": ("sinkage_bias", {"effect": "slope_bias", "effect_size": 0.004}),
     "effect_size": (0.004, {"effect": "sinkage_bias", "effect_size": 0.0}),
     "effect_axle": (0, {"effect": "failed_wheel", "effect_size": 0.5}),

@@ -75,6 +75,26 @@ class SimulatorConfig:
         "slope of the ramp, positive uphill", "rad", -0.5, 0.5, default=math.radians(3.0)
     )
     step_rise: float = number("height of the step, which is 1 m long", "m", -0.3, 0.3, default=0.05)
+    steering: str = entry(
+        "how velocity commands turn the rover: skid, all_wheels (each is steered) or ackermann;"
+        " empty: it drives straight, by every schedule",
+        "",
+    )
+    cross_slope: float = number(
+        "slope of the ground across the way at the start, positive rising to the left; with"
+        " steering alone",
+        "rad",
+        -0.5,
+        0.5,
+        default=0.0,
+    )
+    yaw_inertia: float = number(
+        "yaw inertia of a rover with steering; 0: of its mass spread evenly between the wheels",
+        "kg m^2",
+        0.0,
+        1e6,
+        default=0.0,
+    )
     effect: str = entry(
         "effect that the nominal model lacks, a name from docs/effects.md; empty: none", ""
     )
@@ -131,8 +151,8 @@ class SimulatorConfig:
         "publish the wheels and the true forces on them, for RViz, on wheel_markers", default=True
     )
     track_width: float = number(
-        "distance of left and right wheels in wheel_markers, as in export_urdf; 0: three quarters"
-        " of the wheelbase",
+        "distance of left and right wheels, of a rover with steering and in wheel_markers, as in"
+        " export_urdf; 0: three quarters of the wheelbase",
         "m",
         0.0,
         100.0,

@@ -20,14 +20,12 @@ from torch import Tensor
 
 from msg_defs.msg import TerrainTruth, WheelSinkage, WheelSlip
 from rover_sim_node.config import SimulatorConfig
-from rover_sim_node.run import GroundTruth, SimulatedReading
+from rover_sim_node.reading import FIXED, STRAIGHT, GroundTruth, SimulatedReading
 from terramechanics.description.layout import SUSPENSION_JOINTS
 from terramechanics.effects import describe
 from terramechanics.terrain.soil import CONSTANTS
 
 SECOND_NS = 1_000_000_000
-FIXED = 1e-12
-"""Variance of motions that a planar rover cannot make; zero would mean unknown."""
 TYPES: dict[str, type[Any]] = {
     "wheel_slip": WheelSlip,
     "wheel_sinkage": WheelSinkage,
@@ -36,6 +34,9 @@ TYPES: dict[str, type[Any]] = {
     "imu": Imu,
 }
 """Topics of every step."""
+
+STEERING_SUFFIX = "_steering"
+"""What the name of a wheel's steering joint adds to that of the wheel."""
 
 _TRUTH_FIELDS = {
     "n": "sinkage_exponent",
@@ -127,49 +128,85 @@ def _sinkage(
 
 def _odometry(reading: SimulatedReading, header: Header, body_frame: str) -> Odometry:
     message = Odometry(header=header, child_frame_id=body_frame)
-    measured = reading.measured
-    message.pose.pose.position.x, message.pose.pose.position.z = reading.odometry
-    message.pose.pose.orientation = _orientation(float(measured.pitch))
-    by_x, by_z = reading.odometry_variance
+    measured, moved = reading.measured, reading.sideways
+    place, twist = message.pose.pose.position, message.twist.twist
+    place.x, place.y, place.z = reading.odometry
+    message.pose.pose.orientation = _orientation(reading)
     message.pose.covariance = _diagonal(
-        by_x, FIXED, by_z, FIXED, float(measured.pitch_sd) ** 2, FIXED
+        *reading.odometry_variance,
+        moved.roll_sd**2,
+        float(measured.pitch_sd) ** 2,
+        moved.yaw_sd**2,
     )
-    message.twist.twist.linear.x = float(measured.velocity)
-    message.twist.covariance = _diagonal(float(measured.velocity_sd) ** 2, *[FIXED] * 5)
+    twist.linear.x, twist.linear.y = float(measured.velocity), moved.lateral_velocity
+    twist.angular.z = moved.yaw_rate
     # The rate of pitch is not measured.
-    message.twist.covariance[28] = 1.0
+    message.twist.covariance = _diagonal(
+        float(measured.velocity_sd) ** 2,
+        moved.lateral_velocity_sd**2,
+        FIXED,
+        FIXED,
+        1.0,
+        moved.yaw_rate_sd**2,
+    )
     return message
 
 
 def _joint_states(reading: SimulatedReading, header: Header) -> JointState:
-    measured = reading.measured
-    jointed = bool(reading.rover.suspension)
-    # left and right move alike, so the rocker does not turn against the body
-    angles, rates = ((0.0, reading.bogie_angle), (0.0, reading.bogie_rate)) if jointed else ((), ())
+    """Return every wheel, the suspension's joints, and the steering of wheels that have one."""
+    measured, names = reading.measured, list(reading.rover.wheel_names)
+    joints = []
+    if reading.rover.suspension:
+        # left and right move alike, so the rocker does not turn against the body
+        moved = (0.0, 0.0), (reading.bogie_angle, reading.bogie_rate)
+        joints += [(name, *each) for name, each in zip(SUSPENSION_JOINTS, moved, strict=True)]
+    if reading.steering is not None:
+        angles = zip(names, reading.steering.tolist(), strict=True)
+        joints += [(f"{name}{STEERING_SUFFIX}", angle, math.nan) for name, angle in angles]
     return JointState(
         header=header,
-        name=[*reading.rover.wheel_names, *SUSPENSION_JOINTS[: len(angles)]],
-        position=_doubles(reading.wheel_angle, *angles),
-        velocity=_doubles(measured.wheel_rate, *rates),
-        effort=_doubles(measured.torque, *[math.nan] * len(angles)),
+        name=[*names, *(name for name, _, _ in joints)],
+        position=_doubles(reading.wheel_angle, *(angle for _, angle, _ in joints)),
+        velocity=_doubles(measured.wheel_rate, *(rate for _, _, rate in joints)),
+        effort=_doubles(measured.torque, *[math.nan] * len(joints)),
     )
 
 
 def _imu(reading: SimulatedReading, header: Header) -> Imu:
-    measured = reading.measured
-    pitch, spread = float(measured.pitch), float(measured.acceleration_sd)
-    message = Imu(header=header, orientation=_orientation(pitch))
-    message.orientation_covariance = _diagonal(FIXED, float(measured.pitch_sd) ** 2, FIXED)
-    message.angular_velocity_covariance = _diagonal(-1.0, 0.0, 0.0)  # not measured
+    measured, moved = reading.measured, reading.sideways
+    spread = float(measured.acceleration_sd)
+    message = Imu(header=header, orientation=_orientation(reading))
+    message.orientation_covariance = _diagonal(
+        moved.roll_sd**2, float(measured.pitch_sd) ** 2, moved.yaw_sd**2
+    )
+    if moved is STRAIGHT:
+        message.angular_velocity_covariance = _diagonal(-1.0, 0.0, 0.0)  # not measured
+    else:
+        message.angular_velocity.z = moved.yaw_rate
+        rate = moved.yaw_rate_sd**2
+        message.angular_velocity_covariance = _diagonal(rate, rate, rate)
+    lean = math.sin(moved.roll) * math.cos(float(measured.pitch))
+    message.linear_acceleration.y = reading.rover.gravity * lean
     message.linear_acceleration.x = float(measured.acceleration)
-    message.linear_acceleration.z = reading.rover.gravity * math.cos(pitch)
+    message.linear_acceleration.z = reading.rover.gravity * math.cos(float(measured.pitch))
     message.linear_acceleration_covariance = _diagonal(spread**2, spread**2, spread**2)
     return message
 
 
-def _orientation(pitch: float) -> Quaternion:
-    """Return a nose-up ``pitch`` [rad]: a negative rotation about y, which points left."""
-    return Quaternion(x=0.0, y=-math.sin(pitch / 2.0), z=0.0, w=math.cos(pitch / 2.0))
+def _orientation(reading: SimulatedReading) -> Quaternion:
+    """Return the attitude: nose-up is a negative rotation about y, which points left."""
+    half = (
+        0.5 * reading.sideways.roll,
+        -0.5 * float(reading.measured.pitch),
+        0.5 * reading.sideways.yaw,
+    )
+    (sr, sp, sy), (cr, cp, cy) = map(math.sin, half), map(math.cos, half)
+    return Quaternion(
+        x=sr * cp * cy - cr * sp * sy,
+        y=cr * sp * cy + sr * cp * sy,
+        z=cr * cp * sy - sr * sp * cy,
+        w=cr * cp * cy + sr * sp * sy,
+    )
 
 
 def _diagonal(*variances: float) -> np.ndarray[Any, np.dtype[np.float64]]:

@@ -2,15 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulate one drive with its measurements, step by step, without ROS."""
 
-import dataclasses
 import math
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from rover_parameters.records import ConfigError
 from rover_sim_node.config import FOLLOW, SimulatorConfig
+from rover_sim_node.reading import FIXED, GroundTruth, SimulatedReading, single
 from rover_sim_node.velocity_commands import VelocityCommands
 from terramechanics.effects import describe, make_effect
 from terramechanics.presets import load_rover, load_soil
@@ -24,40 +23,18 @@ from terramechanics.terrain.profile import Profile, Ramp, StepProfile
 from terramechanics.vehicle.rover import Rover
 
 
-@dataclass(frozen=True, slots=True)
-class GroundTruth:
-    """The ground below the middle axle of the rover, of two axles below the rear one."""
-
-    soil: str
-    position: float  # [m] along the track, from which it holds
-    constants: tuple[float, ...]  # in the order of CONSTANTS
-    strength: tuple[float, float]  # c [Pa], tan(phi)
-
-
-@dataclass(frozen=True, slots=True)
-class SimulatedReading:
-    """Measurements and truth after one step of one rover; tensors are [wheels] and []."""
-
-    time: float  # [s] since the start
-    rover: Rover
-    measured: Measurement  # per wheel
-    wheel_angle: Tensor  # [wheels] [rad] turned since the start
-    bogie_angle: float  # [rad] nose-up
-    bogie_rate: float  # [rad/s]
-    ground_force: Tensor  # [wheels, 3] true N [N], T [N] and contact angle [rad] of each wheel
-    odometry: tuple[float, float]  # [m] x and z, integrated from measured velocity and pitch
-    odometry_variance: tuple[float, float]  # [m^2]
-    truth: GroundTruth
-    position: float  # [m] true place along the track
-    stuck: bool
-
-
 class SimulatedRun:
     """A drive of one rover; the same configuration and commands give the same readings."""
 
     @torch.inference_mode()
     def __init__(self, config: SimulatorConfig) -> None:
         """Set up the drive. Raises ConfigError that names a wrong parameter."""
+        for name in ("cross_slope", "yaw_inertia"):
+            if getattr(config, name):
+                raise ConfigError(
+                    f"parameter {name}: {getattr(config, name):g} does nothing on a rover that"
+                    " drives straight: set steering"
+                )
         self.rover = load_rover(config.rover)
         self.config = config
         self._ground = _ground(config, self.rover.wheel_width)
@@ -95,7 +72,7 @@ class SimulatedRun:
         """Simulate one step; return its reading."""
         time = (self._simulation.steps + 1) * self._step
         sample = self._simulation.step(self._schedule.kind, self._schedule.command(time))
-        measured = _first(
+        measured = single(
             measure(
                 self.rover,
                 per_wheel(self.rover, self._simulation.sensed(sample)),
@@ -117,8 +94,8 @@ class SimulatedRun:
             bogie_angle=angle,
             bogie_rate=rate,
             ground_force=self._ground_force(sample),
-            odometry=self._odometry,
-            odometry_variance=self._variance,
+            odometry=(self._odometry[0], 0.0, self._odometry[1]),
+            odometry_variance=(self._variance[0], FIXED, self._variance[1]),
             truth=self._truth(sample),
             position=float(sample.position),
             stuck=bool(sample.stuck),
@@ -153,13 +130,6 @@ class SimulatedRun:
             tuple(constants),
             (strength[0], strength[1]),
         )
-
-
-def _first(measured: Measurement) -> Measurement:
-    """Return the measurement of the rover in a batch of one; scalars stay tensors []."""
-    return Measurement(
-        *(getattr(measured, field.name)[0] for field in dataclasses.fields(Measurement))
-    )
 
 
 def _ground(config: SimulatorConfig, width: float) -> Ground:

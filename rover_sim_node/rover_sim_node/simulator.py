@@ -30,7 +30,9 @@ from rover_parameters.records import ConfigError
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.messages import SECOND_NS, TYPES, clock_message, step_messages, truth_message
 from rover_sim_node.pacing import Pace
-from rover_sim_node.run import GroundTruth, SimulatedReading, SimulatedRun
+from rover_sim_node.reading import GroundTruth, SimulatedReading
+from rover_sim_node.run import SimulatedRun
+from rover_sim_node.turning_run import TurningRun
 from rover_sim_node.viewing import marker_message, transform_message
 from terramechanics.vehicle.suspension import TerrainError
 
@@ -62,7 +64,8 @@ class SimulatorNode(Node):
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
         self.config = declare(self, SimulatorConfig)
         try:
-            self.run = SimulatedRun(self.config)
+            kind = TurningRun if self.config.steering else SimulatedRun
+            self.run: SimulatedRun | TurningRun = kind(self.config)
         except TerrainError as error:
             raise ConfigError(str(error)) from error
         self._outputs = {

@@ -15,6 +15,21 @@ from terramechanics.vehicle.rover import Rover
 _ROUNDING = 1e-9  # [s]
 
 
+def check_timeout(config: SimulatorConfig) -> None:
+    """Raise ConfigError where every command would be stale before the next sample."""
+    if config.cmd_vel_timeout + _ROUNDING < 1.0 / config.rate:
+        raise ConfigError(
+            f"parameter cmd_vel_timeout: {config.cmd_vel_timeout:g} s is over before the next"
+            f" sample, {1.0 / config.rate:g} s later: the rover would never move; give more, or a"
+            " higher rate"
+        )
+
+
+def is_fresh(time: float, fresh_until: float) -> bool:
+    """Return whether a command still holds at ``time`` [s]."""
+    return time <= fresh_until + _ROUNDING
+
+
 class VelocityCommands:
     """Turn the last velocity command into wheel rates, with bounded acceleration.
 
@@ -28,12 +43,7 @@ class VelocityCommands:
 
         Raises ConfigError where every command would be stale before the next sample.
         """
-        if config.cmd_vel_timeout + _ROUNDING < 1.0 / config.rate:
-            raise ConfigError(
-                f"parameter cmd_vel_timeout: {config.cmd_vel_timeout:g} s is over before the next"
-                f" sample, {1.0 / config.rate:g} s later: the rover would never move; give more, or"
-                " a higher rate"
-            )
+        check_timeout(config)
         self.start_velocity = torch.zeros(1, dtype=torch.float64)
         self._rover, self._config = rover, config
         self._wanted, self._speed = 0.0, 0.0
@@ -47,8 +57,8 @@ class VelocityCommands:
             return "it is not finite"
         if any(angular):
             return (
-                f"the simulated rover is planar and cannot turn: angular is {angular}, expected"
-                " zeros"
+                f"the simulated rover drives straight: angular is {angular}, expected zeros; set"
+                " steering for one that turns"
             )
         if any(linear[1:]):
             return f"the simulated rover moves along x alone: linear is {linear}"
@@ -63,7 +73,7 @@ class VelocityCommands:
 
     def command(self, time: float) -> Tensor:
         """Return the same wheel rate for every axle at ``time`` [s]: [1, axles] [rad/s]."""
-        wanted = self._wanted if time <= self._fresh_until + _ROUNDING else 0.0
+        wanted = self._wanted if is_fresh(time, self._fresh_until) else 0.0
         most = self._config.cmd_vel_acceleration * (time - self._now)
         self._speed += min(max(wanted - self._speed, -most), most)
         self._now = time

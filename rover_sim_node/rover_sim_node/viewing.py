@@ -10,11 +10,9 @@ from std_msgs.msg import ColorRGBA, Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rover_sim_node.run import SimulatedReading
+from rover_sim_node.reading import SimulatedReading
 from terramechanics.description.layout import track_width_of, wheel_centres
 
-ALONG_Y = Quaternion(x=math.sqrt(0.5), y=0.0, z=0.0, w=math.sqrt(0.5))
-"""Turns the z axis of a cylinder to that of a wheel."""
 ARROW_RADII = 2.0
 """[wheel radii] Length of the arrow of a wheel's share of the weight."""
 SLIPPING = 0.6
@@ -65,7 +63,7 @@ def _wheel(
         id=index,
         type=Marker.CYLINDER,
         action=Marker.ADD,
-        pose=Pose(position=Point(x=x, y=y, z=z), orientation=ALONG_Y),
+        pose=Pose(position=Point(x=x, y=y, z=z), orientation=_turned(_steered(reading, index))),
         scale=Vector3(x=diameter, y=diameter, z=reading.rover.wheel_width),
         color=_colour(slip),
     )
@@ -80,8 +78,8 @@ def _force(
 ) -> Marker:
     """Return the arrow of a force: normal and traction [N], at a contact angle [rad]."""
     rover = reading.rover
-    normal, traction, angle = force
-    ahead, above = -math.sin(angle), math.cos(angle)  # of the normal, away from the ground
+    normal, traction, tilt = force
+    ahead, above = -math.sin(tilt), math.cos(tilt)  # of the normal, away from the ground
     along = normal * ahead + traction * above
     upward = normal * above - traction * ahead
     scale = ARROW_RADII * rover.wheel_radius * len(rover.wheels) / rover.weight
@@ -90,12 +88,26 @@ def _force(
     if not 0.0 < length < math.inf:
         marker.action = Marker.DELETE
         return marker
-    x, y, z = centre
-    foot = Point(x=x - rover.wheel_radius * ahead, y=y, z=z - rover.wheel_radius * above)
-    tip = Point(x=foot.x + scale * along, y=y, z=foot.z + scale * upward)
+    (x, y, z), angle = centre, _steered(reading, index)
+    cosine, sine = math.cos(angle), math.sin(angle)
+    back, below = rover.wheel_radius * ahead, z - rover.wheel_radius * above
+    foot = Point(x=x - back * cosine, y=y - back * sine, z=below)
+    reach = scale * along
+    tip = Point(x=foot.x + reach * cosine, y=foot.y + reach * sine, z=below + scale * upward)
     thick = 0.1 * rover.wheel_radius
     marker.points, marker.scale = [foot, tip], Vector3(x=thick, y=2.5 * thick, z=2.5 * thick)
     return marker
+
+
+def _steered(reading: SimulatedReading, index: int) -> float:
+    """Return the steering angle [rad] of a wheel, to the left."""
+    return 0.0 if reading.steering is None else float(reading.steering[index])
+
+
+def _turned(angle: float) -> Quaternion:
+    """Return what turns the z axis of a cylinder to that of a wheel steered by ``angle``."""
+    cosine, sine = math.sqrt(0.5) * math.cos(0.5 * angle), math.sqrt(0.5) * math.sin(0.5 * angle)
+    return Quaternion(x=cosine, y=sine, z=sine, w=cosine)
 
 
 def _colour(slip: float) -> ColorRGBA:

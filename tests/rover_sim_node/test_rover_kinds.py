@@ -12,7 +12,8 @@ import yaml
 from rover_parameters.records import ConfigError
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.messages import step_messages
-from rover_sim_node.run import SimulatedReading, SimulatedRun
+from rover_sim_node.reading import SimulatedReading
+from rover_sim_node.run import SimulatedRun
 from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.observation import Observation

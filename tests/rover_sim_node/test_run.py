@@ -14,7 +14,8 @@ import torch
 from rover_parameters.records import ConfigError
 from rover_sim_node.config import GroundChange, SimulatorConfig, SoilOverrides
 from rover_sim_node.messages import clock_message, step_messages, truth_message
-from rover_sim_node.run import SimulatedReading, SimulatedRun
+from rover_sim_node.reading import SimulatedReading
+from rover_sim_node.run import SimulatedRun
 from terrain_estimator.offline import run_report
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.simulation import simulate

@@ -68,7 +68,7 @@ def test_without_a_command_the_rover_stands() -> None:
 @pytest.mark.parametrize(
     ("linear", "angular", "reason"),
     [
-        ((0.1, 0.0, 0.0), (0.0, 0.0, 0.2), "cannot turn"),
+        ((0.1, 0.0, 0.0), (0.0, 0.0, 0.2), "set steering"),
         ((0.1, 0.1, 0.0), NOTHING, "along x alone"),
         ((-0.1, 0.0, 0.0), NOTHING, "drives forward"),
         ((1.1, 0.0, 0.0), NOTHING, "outside 0 to 1"),

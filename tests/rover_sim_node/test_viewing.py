@@ -14,7 +14,8 @@ from visualization_msgs.msg import Marker
 
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.messages import step_messages
-from rover_sim_node.run import SimulatedReading, SimulatedRun
+from rover_sim_node.reading import SimulatedReading
+from rover_sim_node.run import SimulatedRun
 from rover_sim_node.viewing import ARROW_RADII, UNKNOWN, marker_message, transform_message
 from terramechanics.presets import load_rover, rover_names
 

@@ -144,7 +144,7 @@ def test_it_follows_velocity_commands_stops_when_they_stop_and_refuses_to_turn(
     assert all(math.isfinite(slip) for slip in heard["wheel_slip"][-1].slip)
     commanded(0.15, yaw=0.3)
     listener.spin_until(
-        lambda: "planar and cannot turn" in process.output,
+        lambda: "set steering for one that turns" in process.output,
         "the turn is refused with its reason",
         seen=lambda: process.output,
     )
@@ -152,6 +152,35 @@ def test_it_follows_velocity_commands_stops_when_they_stop_and_refuses_to_turn(
         lambda: odometry[-1].twist.twist.linear.x == 0.0,
         "the rover stops",
         seen=lambda: odometry[-1].twist.twist.linear.x,
+    )
+    assert process.interrupt() == 0
+
+
+def test_with_steering_it_turns_as_commanded_and_says_so(
+    start: Starter, listener: Listener
+) -> None:
+    given = ("rover:=four_wheel_rover", "steering:=skid", "schedule:=cmd_vel", "noise:=0.0")
+    process = simulator(start, *given, "real_time_factor:=3.0")
+    heard = collect(listener)
+    odometry = heard["odom"]
+    publisher = listener.publisher(Twist, "cmd_vel")
+    listener.wait_for_messages(odometry, 3)
+    assert odometry[-1].twist.twist.angular.z == 0.0
+
+    def turned() -> bool:
+        publisher.publish(Twist(linear=Vector3(x=0.2), angular=Vector3(z=0.6)))
+        return bool(odometry[-1].pose.pose.orientation.z > 0.05)
+
+    listener.spin_until(turned, "the rover turns", seen=lambda: odometry[-1].pose.pose)
+    assert odometry[-1].twist.twist.angular.z > 0.02
+    assert odometry[-1].pose.pose.position.y > 0.0
+    slips = dict(zip(heard["wheel_slip"][-1].wheel, heard["wheel_slip"][-1].slip, strict=True))
+    assert slips["front_right"] > slips["front_left"] + 0.2
+    publisher.publish(Twist(linear=Vector3(x=0.1, y=0.1)))
+    listener.spin_until(
+        lambda: "does not move sideways" in process.output,
+        "crabbing is refused with its reason",
+        seen=lambda: process.output,
     )
     assert process.interrupt() == 0
 

@@ -1,0 +1,238 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Simulate a rover that turns on a plane slope, with its measurements, step by step, without ROS.
+
+Every wheel has its own place, slip, sinkage and torque. The body is that of the rover file, with a
+distance between left and right.
+"""
+
+import math
+
+import torch
+
+from rover_parameters.records import ConfigError
+from rover_sim_node.config import FOLLOW, SimulatorConfig
+from rover_sim_node.reading import GroundTruth, SidewaysMotion, SimulatedReading, single
+from rover_sim_node.twist_commands import SKID, TwistCommands
+from terramechanics.description.layout import track_width_of
+from terramechanics.presets import load_rover, load_soil
+from terramechanics.simulation.sample import SLOWEST, Sample
+from terramechanics.simulation.sensors import Noise, acceleration_bias, measure
+from terramechanics.simulation.simulation import STUCK_TIME
+from terramechanics.simulation.spatial import BodySample, BodySimulation, Plane
+from terramechanics.terrain.soil import WONG_REECE
+from terramechanics.vehicle.chassis import Chassis
+from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.suspension import TerrainError
+
+LATERAL_SD, YAW_RATE_SD = 0.005, 0.003
+"""[m/s], [rad/s] Deviations of the lateral velocity and of the gyroscope."""
+NO_PROGRESS = 0.1
+"""[1] Share of the rims' speed below which a rover makes no progress."""
+
+
+class TurningRun:
+    """A drive of one rover; the same configuration and commands give the same readings."""
+
+    @torch.inference_mode()
+    def __init__(self, config: SimulatorConfig) -> None:
+        """Set up the drive. Raises ConfigError that names a wrong parameter."""
+        _check(config)
+        self.rover, self.config = load_rover(config.rover), config
+        track = track_width_of(self.rover, config.track_width)
+        chassis = Chassis.of(self.rover, track, config.yaw_inertia or _inertia(self.rover, track))
+        soil = load_soil(config.soil).with_values(**config.soil_overrides.given())
+        if soil.law != WONG_REECE:
+            raise ConfigError(
+                f"parameter soil: {soil.name} has law {soil.law}, under which a rover that turns is"
+                f" not simulated: give one of law {WONG_REECE}, or leave steering out"
+            )
+        soil = soil.for_wheel(self.rover.wheel_width)
+        self.commands = TwistCommands(chassis, config)
+        self._truth = GroundTruth(
+            soil.name, 0.0, tuple(soil.constants().tolist()), (soil.cohesion, soil.tan_phi)
+        )
+        uphill = math.tan(config.ramp_grade) if config.profile == "ramp" else 0.0
+        self._step = 1.0 / config.rate
+        self._constants, self._strength = soil.constants(), soil.strength()
+        self._simulation = BodySimulation(
+            chassis,
+            self._constants.unsqueeze(0),
+            self._strength.unsqueeze(0),
+            Plane(uphill, math.tan(config.cross_slope)),
+            time_step=self._step,
+        )
+        # The chassis has the left wheels first, each side from front to rear.
+        self._places = [
+            wheel.axle + (0 if wheel.side == "left" else self.rover.axles)
+            for wheel in self.rover.wheels
+        ]
+        self._noise, self._sensing = Noise(factor=config.noise), torch.Generator()
+        self._sensing.manual_seed(2 * config.seed + 1)
+        self._bias = acceleration_bias(self._noise, 1, self._sensing)
+        self._wheel_angle = torch.zeros(len(self.rover.wheels), dtype=torch.float64)
+        self._velocity = torch.zeros(3, dtype=torch.float64)
+        self._pose, self._height = torch.zeros(3, dtype=torch.float64), 0.0
+        self._spread = torch.zeros(3, 3, dtype=torch.float64)  # covariance of x, y and yaw
+        self._height_variance, self._no_progress, self._gone = 0.0, 0.0, 0.0
+
+    @torch.inference_mode()
+    def step(self) -> SimulatedReading:
+        """Simulate one step; return its reading. Raises TerrainError where it has no solution."""
+        time = (self._simulation.steps + 1) * self._step
+        body = self._simulation.step(*self.commands.command(time))
+        if not bool(body.solved):
+            raise TerrainError(
+                f"{self.rover.name}: no wheel loads balance after {time:g} s: the slope is too"
+                " steep or the ground too soft"
+            )
+        sample = self._sample(body)
+        measured = single(measure(self.rover, sample, self._noise, self._bias, self._sensing))
+        moved = self._sideways(body, float(measured.pitch))
+        self._wheel_angle = self._wheel_angle + self._step * measured.wheel_rate
+        self._integrate(
+            (float(measured.velocity), float(measured.velocity_sd)),
+            (float(measured.pitch), float(measured.pitch_sd)),
+            moved,
+        )
+        self._gone += self._step * float(body.velocity[0, :2].norm())
+        self._velocity = body.velocity[0]
+        spread = self._spread.diagonal().tolist()
+        return SimulatedReading(
+            time=time,
+            rover=self.rover,
+            measured=measured,
+            wheel_angle=self._wheel_angle,
+            bogie_angle=0.0,
+            bogie_rate=0.0,
+            ground_force=torch.stack([sample.normal, sample.traction, sample.contact_angle], -1)[0],
+            odometry=(float(self._pose[0]), float(self._pose[1]), self._height),
+            odometry_variance=(spread[0], spread[1], self._height_variance),
+            truth=self._truth,
+            position=self._gone,
+            stuck=self._is_stuck(body),
+            sideways=moved,
+            steering=None if self.config.steering == SKID else body.steering[0, self._places],
+        )
+
+    def _sample(self, body: BodySample) -> Sample:
+        """Return the true values, with those of every wheel in the order of the rover file."""
+        rim = body.rim[:, self._places]
+        slip = torch.where(rim.abs() > SLOWEST, 1.0 - body.along[:, self._places] / rim, math.nan)
+        forces, level = body.forces[:, self._places], torch.zeros_like(slip)
+        turned = float(self._velocity[2]) * self._step
+        before = math.cos(turned) * self._velocity[0] + math.sin(turned) * self._velocity[1]
+        return Sample(
+            time=body.time,
+            position=body.position[:, 0],
+            height=level[:, 0],
+            velocity=body.velocity[:, 0],
+            acceleration=(body.velocity[:, 0] - before) / self._step,
+            pitch=body.pitch,
+            bogie_angle=level[:, 0],
+            stuck=level[:, 0] > 0.0,
+            standing=(rim.abs() <= SLOWEST).all(-1),
+            slip=slip,
+            sinkage=body.sinkage[:, self._places],
+            contact=level,
+            contact_angle=level,
+            wheel_rate=rim / self.rover.wheel_radius,
+            torque=body.torque[:, self._places],
+            normal=forces[..., 0],
+            traction=forces[..., 1],
+            ground_torque=forces[..., 2],
+            valid=torch.isfinite(slip),
+            constants=self._constants.expand(*slip.shape, 6),
+            strength=self._strength.expand(*slip.shape, 2),
+        )
+
+    def _sideways(self, body: BodySample, pitch: float) -> SidewaysMotion:
+        """Measure the motion of the body's origin that a planar rover does not make."""
+        drawn = torch.randn(3, generator=self._sensing, dtype=torch.float64).tolist()
+        factor, turn = self._noise.factor, float(body.velocity[0, 2])
+        left = float(body.velocity[0, 1]) - self.rover.centre_of_mass_x * turn
+        # what an inertial unit calls roll is about the axis that the pitch has tilted
+        roll = math.asin(math.sin(float(body.roll)) / math.cos(float(body.pitch)))
+        rate = turn + factor * YAW_RATE_SD * drawn[1]
+        roll += factor * self._noise.pitch * drawn[2]
+        yaw = float(self._pose[2]) + self._step * rate * math.cos(roll) / math.cos(pitch)
+        return SidewaysMotion(
+            lateral_velocity=left + factor * LATERAL_SD * drawn[0],
+            lateral_velocity_sd=_stated(factor, LATERAL_SD),
+            yaw_rate=rate,
+            yaw_rate_sd=_stated(factor, YAW_RATE_SD),
+            roll=roll,
+            roll_sd=_stated(factor, self._noise.pitch),
+            yaw=yaw,
+            yaw_sd=math.sqrt(float(self._spread[2, 2])),
+        )
+
+    def _integrate(
+        self, velocity: tuple[float, float], pitch: tuple[float, float], moved: SidewaysMotion
+    ) -> None:
+        """Add one step of dead reckoning, and of its covariance to first order."""
+        step, (ahead, ahead_sd), (tilt, tilt_sd) = self._step, velocity, pitch
+        level = ahead * math.cos(tilt)
+        left = moved.lateral_velocity * math.cos(moved.roll)
+        sine, cosine = math.sin(moved.yaw), math.cos(moved.yaw)
+        way = torch.tensor(
+            [cosine * level - sine * left, sine * level + cosine * left], dtype=torch.float64
+        )
+        by = torch.eye(3, dtype=torch.float64)
+        by[0, 2], by[1, 2] = -step * way[1], step * way[0]
+        noise = torch.diag(
+            torch.tensor(
+                [
+                    (cosine * ahead_sd) ** 2 + (sine * moved.lateral_velocity_sd) ** 2,
+                    (sine * ahead_sd) ** 2 + (cosine * moved.lateral_velocity_sd) ** 2,
+                    moved.yaw_rate_sd**2,
+                ],
+                dtype=torch.float64,
+            )
+        )
+        self._spread = by @ self._spread @ by.T + step**2 * noise
+        self._pose = torch.cat([self._pose[:2] + step * way, torch.tensor([moved.yaw])])
+        rise = ahead * math.sin(tilt) + moved.lateral_velocity * math.cos(tilt) * math.sin(
+            moved.roll
+        )
+        self._height += step * rise
+        self._height_variance += (step * ahead * tilt_sd) ** 2 + (
+            step * ahead_sd * math.sin(tilt)
+        ) ** 2
+
+    def _is_stuck(self, body: BodySample) -> bool:
+        """Return whether the wheels have turned for STUCK_TIME and the hubs have not moved."""
+        rim, hub = float(body.rim.abs().mean()), float(body.along.abs().mean())
+        held = rim > 2.0 * SLOWEST and hub < NO_PROGRESS * rim
+        self._no_progress = self._no_progress + self._step if held else 0.0
+        return self._no_progress >= STUCK_TIME
+
+
+def _check(config: SimulatorConfig) -> None:
+    """Refuse what is simulated for rovers that drive straight alone."""
+    why = f"with steering {config.steering}"
+    if config.schedule != FOLLOW:
+        raise ConfigError(
+            f"parameter schedule: {config.schedule} drives straight ahead; {why} give {FOLLOW}"
+        )
+    if config.profile not in ("", "flat", "ramp"):
+        raise ConfigError(
+            f"parameter profile: {config.profile} is not simulated {why}: give flat or ramp"
+        )
+    if config.effect:
+        raise ConfigError(f"parameter effect: {config.effect} is not simulated {why}: leave it out")
+    if config.change.soil:
+        raise ConfigError(
+            f"parameter change.soil: {config.change.soil} is not simulated {why}: leave it out"
+        )
+
+
+def _inertia(rover: Rover, track: float) -> float:
+    """Return the yaw inertia [kg m^2] of the mass spread evenly between the wheels."""
+    length = rover.axle_x[0] - rover.axle_x[-1]
+    return rover.mass * (length**2 + track**2) / 12.0
+
+
+def _stated(factor: float, deviation: float) -> float:
+    """Return the deviation that a sensor states; none is zero, which would mean unknown."""
+    return max(factor, 1e-3) * deviation

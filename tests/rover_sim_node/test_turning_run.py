@@ -1,0 +1,255 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Drives of a rover that turns: against the planar one, and what its sensors and messages say."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rover_parameters.records import ConfigError
+from rover_sim_node.config import FOLLOW, GroundChange, SimulatorConfig
+from rover_sim_node.messages import step_messages
+from rover_sim_node.reading import SimulatedReading
+from rover_sim_node.run import SimulatedRun
+from rover_sim_node.turning_run import LATERAL_SD, YAW_RATE_SD, TurningRun
+from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
+from terrain_estimator.estimator.off_plane import refuse_off_plane
+from terrain_estimator.messaging.conversion import Converter
+from terrain_estimator.observation import Observation
+from terrain_estimator.outcome import Outcome
+from terramechanics.presets import load_rover
+from terramechanics.simulation.spatial import Plane
+
+NOTHING = (0.0, 0.0, 0.0)
+SKID = SimulatorConfig(rover="four_wheel_rover", steering="skid", schedule=FOLLOW, noise=0.0)
+STEERED = SimulatorConfig(rover="mars_rover", steering="all_wheels", schedule=FOLLOW, noise=0.0)
+Twist = tuple[float, float, float]  # v_x, v_y, yaw rate
+
+
+def driven(config: SimulatorConfig, twist: Twist, steps: int) -> list[SimulatedReading]:
+    run, found = TurningRun(config), []
+    for _ in range(steps):
+        assert run.commands.request((*twist[:2], 0.0), (0.0, 0.0, twist[2])) == ""
+        found.append(run.step())
+    return found
+
+
+def observed(reading: SimulatedReading, config: SimulatorConfig) -> Observation:
+    messages = step_messages(reading, config, round(1e9 * reading.time), 0)
+    converter = Converter(load_rover(config.rover), ConversionConfig(), CoreConfig())
+    names = ("wheel_slip", "wheel_sinkage", "odom", "joint_states", "imu")
+    found = converter.convert(1, tuple(messages[name] for name in names)).observation
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("rover", ["four_wheel_rover", "mars_rover"])
+def test_straight_ahead_it_is_the_planar_rover(rover: str) -> None:
+    config = dataclasses.replace(SKID, rover=rover)
+    planar = SimulatedRun(dataclasses.replace(config, steering=""))
+    assert planar.commands is not None
+    read = []
+    for _ in range(30):
+        assert planar.commands.request((0.1, 0.0, 0.0), NOTHING) == ""
+        read.append(planar.step())
+    other = driven(config, (0.1, 0.0, 0.0), 30)[-1]
+    one = read[-1]
+    for name in ("velocity", "slip", "sinkage", "torque", "wheel_rate", "acceleration"):
+        expected, found = (getattr(each.measured, name) for each in (one, other))
+        assert torch.allclose(found, expected, rtol=1e-6, atol=1e-9), name
+    assert torch.allclose(other.ground_force, one.ground_force, rtol=1e-6, atol=1e-6)
+
+
+def test_wheels_of_a_turning_skid_steer_slip_differently_left_and_right() -> None:
+    last = driven(SKID, (0.2, 0.0, 0.4), 60)[-1]
+    sides = [wheel.side for wheel in last.rover.wheels]
+    left, right = (
+        [
+            slip
+            for slip, side in zip(last.measured.slip.tolist(), sides, strict=True)
+            if side == each
+        ]
+        for each in ("left", "right")
+    )
+    assert max(left) < 0.1
+    assert min(right) > 0.3
+    assert 0.02 < last.sideways.yaw_rate < 0.4
+    assert last.steering is None
+
+
+def test_dead_reckoning_without_noise_is_the_way_that_was_driven() -> None:
+    """A quarter of a circle: its chord and its turn, from the rates of the body."""
+    readings = driven(STEERED, (0.08, 0.0, 0.05), 300)
+    last, way = readings[-1], sum(0.1 * float(each.measured.velocity) for each in readings)
+    turn = last.sideways.yaw
+    radius = way / turn
+    x, y, z = last.odometry
+    assert 1.0 < turn < 1.6
+    assert x == pytest.approx(radius * math.sin(turn), rel=0.02)
+    assert y == pytest.approx(radius * (1.0 - math.cos(turn)), rel=0.02)
+    assert z == 0.0
+    assert last.position == pytest.approx(way, rel=0.01)
+
+
+def test_the_spread_of_dead_reckoning_grows_as_its_errors_add_up() -> None:
+    """Straight ahead: y has the integral of the yaw's error, and the lateral velocity's."""
+    steps, config = 100, dataclasses.replace(STEERED, noise=1.0)
+    readings = driven(config, (0.08, 0.0, 0.0), steps)
+    last = readings[-1]
+    assert last.sideways.yaw_sd**2 == pytest.approx((steps - 1) * (0.1 * YAW_RATE_SD) ** 2)
+    way = np.array([0.1 * float(each.measured.velocity) for each in readings])
+    ahead = np.cumsum(way[::-1])[::-1]  # that is still to come after each step's turn
+    by_turn = float(((ahead[1:] * 0.1 * YAW_RATE_SD) ** 2).sum())
+    assert last.odometry_variance[1] == pytest.approx(
+        by_turn + steps * (0.1 * LATERAL_SD) ** 2, rel=0.05
+    )
+    assert abs(last.sideways.yaw) < 4.0 * last.sideways.yaw_sd
+
+
+def test_a_rover_turns_on_the_spot_crabs_and_backs() -> None:
+    spot = driven(STEERED, (0.0, 0.0, 0.1), 40)[-1]
+    assert spot.sideways.yaw > 0.15
+    assert math.hypot(*spot.odometry[:2]) < 0.01
+    crab = driven(STEERED, (0.0, 0.05, 0.0), 40)[-1]
+    assert crab.steering is not None
+    assert torch.allclose(crab.steering, torch.full((6,), math.pi / 2.0, dtype=torch.float64))
+    assert crab.odometry[1] > 0.1 > abs(crab.odometry[0])
+    back = driven(STEERED, (-0.08, 0.0, 0.0), 40)[-1]
+    assert float(back.measured.velocity) < -0.05
+    assert float(back.measured.slip.min()) > 0.1
+
+
+def test_across_a_slope_it_leans_and_the_attitude_says_so() -> None:
+    """What the messages' attitude makes of the vertical is what the simulation makes of it."""
+    slopes = 0.1, 0.08
+    config = dataclasses.replace(SKID, profile="ramp", ramp_grade=slopes[0], cross_slope=slopes[1])
+    last = driven(config, (0.15, 0.0, 0.6), 60)[-1]
+    turned = step_messages(last, config, 1, 0)["imu"].orientation
+    x, y, z, w = turned.x, turned.y, turned.z, turned.w
+    up = [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)]
+    heading = torch.tensor([last.sideways.yaw], dtype=torch.float64)
+    plane = Plane(*map(math.tan, slopes))
+    assert up == pytest.approx((-plane.gravity(heading, 1.0))[0].tolist(), abs=2e-3)
+    assert last.sideways.yaw > 0.1
+    assert last.odometry[2] > 0.0
+
+
+def test_messages_carry_what_a_planar_rover_has_not() -> None:
+    config = dataclasses.replace(STEERED, noise=1.0)
+    last = driven(config, (0.08, 0.0, 0.05), 40)[-1]
+    messages = step_messages(last, config, 1, 0)
+    twist = messages["odom"].twist
+    assert twist.twist.angular.z == last.sideways.yaw_rate
+    assert math.sqrt(twist.covariance[35]) == pytest.approx(YAW_RATE_SD)
+    assert math.sqrt(twist.covariance[7]) == pytest.approx(LATERAL_SD)
+    joints = messages["joint_states"]
+    steering = [name for name in joints.name if name.endswith("_steering")]
+    assert len(steering) == len(last.rover.wheels)
+    assert len(joints.position) == len(joints.name) == len(joints.effort)
+    assert messages["imu"].angular_velocity_covariance[8] > 0.0
+    seen = observed(last, config)
+    assert seen.yaw_rate == pytest.approx(last.sideways.yaw_rate)
+    assert seen.lateral_velocity == pytest.approx(last.sideways.lateral_velocity)
+
+
+@pytest.mark.parametrize(
+    ("twist", "slope", "refused"),
+    [((0.2, 0.0, 0.0), 0.0, False), ((0.2, 0.0, 0.8), 0.0, True), ((0.2, 0.0, 0.0), 0.1, True)],
+)
+def test_the_estimator_refuses_its_turns_and_cross_slopes(
+    twist: Twist, slope: float, *, refused: bool
+) -> None:
+    config = dataclasses.replace(SKID, cross_slope=slope, noise=1.0)
+    seen = observed(driven(config, twist, 40)[-1], config)
+    rover = load_rover(config.rover)
+    refusal = refuse_off_plane(seen, (seen.wheel_rate * 0.1).tolist(), rover, CoreConfig())
+    assert (refusal is not None) == refused
+    if refusal is not None:
+        assert refusal[0] is Outcome.NOT_PLANAR
+
+
+def test_wheels_that_turn_without_moving_the_rover_are_stuck() -> None:
+    config = dataclasses.replace(SKID, profile="ramp", ramp_grade=0.5)
+    readings = driven(config, (0.3, 0.0, 0.0), 40)
+    assert not readings[0].stuck
+    assert readings[-1].stuck
+
+
+def test_the_same_seed_gives_the_same_run() -> None:
+    config = dataclasses.replace(STEERED, noise=1.0)
+    one, other = (driven(config, (0.05, 0.0, 0.02), 15) for _ in range(2))
+    for here, there in zip(one, other, strict=True):
+        assert here.odometry == there.odometry
+        assert torch.equal(here.measured.slip.nan_to_num(), there.measured.slip.nan_to_num())
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"steering": "tracks"}, "parameter steering: 'tracks' is unknown, give one of skid"),
+        ({"schedule": "S1"}, "parameter schedule: S1 drives straight ahead"),
+        ({"profile": "hills"}, "parameter profile: hills is not simulated with steering skid"),
+        ({"effect": "bulldozing"}, "parameter effect: bulldozing is not simulated"),
+        ({"change": GroundChange(soil="regolith")}, r"parameter change\.soil: regolith"),
+        ({"cmd_vel_timeout": 0.1, "rate": 5.0}, "cmd_vel_timeout"),
+    ],
+)
+def test_what_is_not_simulated_is_refused_by_name(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        TurningRun(dataclasses.replace(SKID, **changes))
+
+
+@pytest.mark.parametrize("name", ["cross_slope", "yaw_inertia"])
+def test_a_planar_rover_refuses_parameters_of_one_that_turns(name: str) -> None:
+    given: dict[str, Any] = {name: 0.2}
+    with pytest.raises(ConfigError, match=f"parameter {name}: 0.2 does nothing"):
+        SimulatedRun(SimulatorConfig(**given))
+
+
+def refusal_of(config: SimulatorConfig, linear: Sequence[float], angular: Sequence[float]) -> str:
+    commands = TurningRun(config).commands
+    return commands.request((linear[0], linear[1], linear[2]), (angular[0], angular[1], angular[2]))
+
+
+@pytest.mark.parametrize(
+    ("config", "linear", "angular", "words"),
+    [
+        (SKID, (0.1, 0.1, 0.0), NOTHING, "does not move sideways"),
+        (SKID, (0.1, 0.0, 0.1), NOTHING, "moves on the ground"),
+        (SKID, (0.1, 0.0, 0.0), (0.1, 0.0, 0.0), "moves on the ground"),
+        (SKID, (math.nan, 0.0, 0.0), NOTHING, "not finite"),
+        (SKID, (0.9, 0.0, 0.0), (0.0, 0.0, 1.0), "beyond 1"),
+        (
+            dataclasses.replace(STEERED, steering="ackermann"),
+            (0.02, 0.0, 0.0),
+            (0.0, 0.0, 0.1),
+            "turn less",
+        ),
+    ],
+)
+def test_a_command_that_cannot_be_followed_is_refused(
+    config: SimulatorConfig, linear: Sequence[float], angular: Sequence[float], words: str
+) -> None:
+    assert words in refusal_of(config, linear, angular)
+
+
+def test_rear_wheels_of_ackermann_steering_stay_straight() -> None:
+    config = dataclasses.replace(STEERED, steering="ackermann")
+    last = driven(config, (0.08, 0.0, 0.03), 20)[-1]
+    assert last.steering is not None
+    rear = max(last.rover.wheel_axle)
+    for wheel, angle in zip(last.rover.wheels, last.steering.tolist(), strict=True):
+        assert (abs(angle) < 1e-9) == (wheel.axle == rear)
+
+
+def test_accelerations_are_bounded_and_a_stale_command_stops_it() -> None:
+    run = TurningRun(dataclasses.replace(SKID, cmd_vel_acceleration=0.2, cmd_vel_timeout=0.5))
+    assert run.commands.request((0.1, 0.0, 0.0), NOTHING) == ""
+    rims = [float(run.commands.command(0.1 * k)[0].amax()) for k in range(1, 11)]
+    assert rims[:5] == pytest.approx([0.02, 0.04, 0.06, 0.08, 0.1])
+    assert rims[5:] == pytest.approx([0.08, 0.06, 0.04, 0.02, 0.0], abs=1e-12)
