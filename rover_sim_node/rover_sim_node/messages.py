@@ -21,7 +21,7 @@ from torch import Tensor
 from msg_defs.msg import TerrainTruth, WheelSinkage, WheelSlip
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.reading import FIXED, STRAIGHT, GroundTruth, SimulatedReading
-from terramechanics.description.layout import SUSPENSION_JOINTS
+from terramechanics.description.layout import STEERING_SUFFIX, SUSPENSION_JOINTS
 from terramechanics.effects import describe
 from terramechanics.terrain.soil import CONSTANTS
 
@@ -34,9 +34,6 @@ TYPES: dict[str, type[Any]] = {
     "imu": Imu,
 }
 """Topics of every step."""
-
-STEERING_SUFFIX = "_steering"
-"""What the name of a wheel's steering joint adds to that of the wheel."""
 
 _TRUTH_FIELDS = {
     "n": "sinkage_exponent",

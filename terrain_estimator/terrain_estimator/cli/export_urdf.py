@@ -38,10 +38,19 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--body-frame", default=BODY_FRAME, help="name of the root link (default: %(default)s)"
     )
+    parser.add_argument(
+        "--steered",
+        action="store_true",
+        help="give each wheel a joint that steers it, NAME_steering; something has to publish them,"
+        " as the simulator with steering all_wheels or ackermann does",
+    )
     args = parser.parse_args(argv)
     try:
         text = to_urdf(
-            load_rover(args.rover), track_width=args.track_width, body_frame=args.body_frame
+            load_rover(args.rover),
+            track_width=args.track_width,
+            body_frame=args.body_frame,
+            steered=args.steered,
         )
         if args.out is None:
             print(text, end="")

@@ -12,6 +12,8 @@ from terramechanics.vehicle.rover import Rover
 
 SUSPENSION_JOINTS = ("rocker", "bogie")
 """Joints of a rover with a bogie, in joint_states and in the URDF; a rigid one has none."""
+STEERING_SUFFIX = "_steering"
+"""What the joint that steers a wheel adds to the wheel's name."""
 _TRACK = 0.75
 """[wheelbases] Track where none is given: that of the Mars Exploration Rovers."""
 _PITCH = 1.2

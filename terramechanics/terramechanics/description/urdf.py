@@ -11,6 +11,7 @@ from xml.etree import ElementTree as ET
 
 from rover_parameters.records import ConfigError
 from terramechanics.description.layout import (
+    STEERING_SUFFIX,
     SUSPENSION_JOINTS,
     Point,
     track_width_of,
@@ -22,15 +23,24 @@ BODY_FRAME = "base_link"
 """Link of the body by REP 105."""
 FORWARD = "0 1 0"
 """Axis of a wheel, whose rate is positive where it rolls forward."""
+TO_THE_LEFT = "0 0 1"
+"""Axis of a joint that steers a wheel, whose angle is positive to the left."""
 NOSE_UP = "0 -1 0"
 """Axis of a joint of the suspension, whose angle is positive nose up."""
 _COLOURS = {"body": "0.75 0.75 0.78 1", "arm": "0.45 0.47 0.5 1", "tyre": "0.2 0.2 0.22 1"}
 
 
-def to_urdf(rover: Rover, *, track_width: float = 0.0, body_frame: str = BODY_FRAME) -> str:
+def to_urdf(
+    rover: Rover,
+    *,
+    track_width: float = 0.0,
+    body_frame: str = BODY_FRAME,
+    steered: bool = False,
+) -> str:
     """Return the URDF as text.
 
-    ``track_width`` [m] is the distance of left and right wheels; 0: a usual one.
+    ``track_width`` [m] is the distance of left and right wheels; 0: a usual one. Wheels that are
+    ``steered`` have a joint for that, each.
 
     Raises:
         ConfigError: the wheels do not fit beside each other, two parts would have one name, or a
@@ -43,7 +53,7 @@ def to_urdf(rover: Rover, *, track_width: float = 0.0, body_frame: str = BODY_FR
         raise ConfigError(
             f"a track width of {track_width:g} m has no room for the wheels of {rover.name}"
         )
-    _check_names(rover, body_frame)
+    _check_names(rover, body_frame, steered=steered)
     robot = ET.Element("robot", name=rover.name)
     for name, colour in _COLOURS.items():
         ET.SubElement(ET.SubElement(robot, "material", name=name), "color", rgba=colour)
@@ -60,7 +70,13 @@ def to_urdf(rover: Rover, *, track_width: float = 0.0, body_frame: str = BODY_FR
         link = _link(robot, f"{wheel.name}_wheel")
         parent, origin = parents[wheel.axle]
         x, z = rover.axle_x[wheel.axle] - origin[0], rover.wheel_radius - origin[2]
-        _joint(robot, wheel.name, (parent, link), (x, y, z), FORWARD)
+        place = (x, y, z)
+        if steered:
+            name = f"{wheel.name}{STEERING_SUFFIX}"
+            fork = _link(robot, f"{name}_link")
+            _joint(robot, name, (parent, fork), place, TO_THE_LEFT)
+            parent, place = fork, (0.0, 0.0, 0.0)
+        _joint(robot, wheel.name, (parent, link), place, FORWARD)
         # the axis of a cylinder is z
         _shape(
             link,
@@ -75,8 +91,10 @@ def to_urdf(rover: Rover, *, track_width: float = 0.0, body_frame: str = BODY_FR
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 
 
-def _check_names(rover: Rover, body_frame: str) -> None:
-    joints = SUSPENSION_JOINTS if rover.suspension else ()
+def _check_names(rover: Rover, body_frame: str, *, steered: bool) -> None:
+    joints = list(SUSPENSION_JOINTS if rover.suspension else ())
+    if steered:
+        joints += [f"{name}{STEERING_SUFFIX}" for name in rover.wheel_names]
     links = [body_frame, *(f"{name}_link" for name in joints)]
     links += [f"{name}_wheel" for name in rover.wheel_names]
     for names in ([*joints, *rover.wheel_names], links):

@@ -13,6 +13,7 @@ from rover_parameters.records import ConfigError
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.messages import step_messages
 from rover_sim_node.run import SimulatedRun
+from rover_sim_node.turning_run import TurningRun
 from terramechanics.description.layout import track_width_of, wheel_centres
 from terramechanics.description.urdf import to_urdf
 from terramechanics.presets import load_rover, rover_names
@@ -23,8 +24,8 @@ ROVERS = (*(load_rover(name) for name in rover_names()), BOGIE_IN_FRONT)
 every_rover = pytest.mark.parametrize("rover", ROVERS, ids=lambda rover: rover.name)
 
 
-def read(rover: Rover, track_width: float = 0.0) -> yourdfpy.URDF:
-    text = to_urdf(rover, track_width=track_width).encode()
+def read(rover: Rover, track_width: float = 0.0, *, steered: bool = False) -> yourdfpy.URDF:
+    text = to_urdf(rover, track_width=track_width, steered=steered).encode()
     return yourdfpy.URDF.load(io.BytesIO(text), load_meshes=False)
 
 
@@ -50,6 +51,27 @@ def test_its_joints_are_those_of_the_joint_states(name: str) -> None:
     config = SimulatorConfig(rover=name)
     states = step_messages(SimulatedRun(config).step(), config, 0, 0)["joint_states"]
     assert sorted(read(load_rover(name)).actuated_joint_names) == sorted(states.name)
+
+
+@pytest.mark.parametrize("name", rover_names())
+@pytest.mark.parametrize("steering", ["all_wheels", "ackermann"])
+def test_a_steered_rover_has_the_joints_of_its_joint_states(name: str, steering: str) -> None:
+    config = SimulatorConfig(rover=name, steering=steering, schedule="cmd_vel")
+    states = step_messages(TurningRun(config).step(), config, 0, 0)["joint_states"]
+    robot = read(load_rover(name), steered=True)
+    assert sorted(robot.actuated_joint_names) == sorted(states.name)
+
+
+@every_rover
+def test_a_positive_steering_angle_is_to_the_left_and_keeps_the_wheels_place(rover: Rover) -> None:
+    robot, first = read(rover, steered=True), rover.wheel_names[0]
+    place = centre(robot, first)
+    np.testing.assert_allclose(place, centre(read(rover), first), atol=1e-9)
+    ahead = np.array([rover.wheel_radius, 0.0, 0.0, 1.0])
+    robot.update_cfg({f"{first}_steering": 0.3})
+    moved = robot.get_transform(f"{first}_wheel", "base_link") @ ahead
+    np.testing.assert_allclose(centre(robot, first), place, atol=1e-9)
+    assert moved[1] - place[1] == pytest.approx(rover.wheel_radius * np.sin(0.3))
 
 
 @every_rover
