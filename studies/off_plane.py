@@ -2,14 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What turns and cross slopes do to the estimator, which drives straight up and down.
 
-python -m studies.off_plane prints the tables of docs/lateral.md. Drives of 40 s on loose sand, with
-the physics alone and soil constants as stated: whatever goes wrong comes from what is not planar.
+python -m studies.off_plane prints the tables of docs/lateral.md, with --planner those of the stops.
+Drives of 40 s on loose sand, with the physics alone and soil constants as stated: whatever goes
+wrong comes from what is not planar.
 """
 
 import dataclasses
 import math
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,14 +24,19 @@ from torch import Tensor
 from studies.command import study_parser
 from studies.observations import observations_of
 from studies.physics import physics_model
+from studies.planner.patches import belief_of
 from studies.tables import table
 from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.config.planner import AdviceConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.messaging.messages import Status, status_of
 from terrain_estimator.messaging.pipeline import usable_rows
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
+from terrain_estimator.planning.planner import Planner, Reason
+from terrain_estimator.planning.solving import solve_statics
+from terrain_estimator.planning.table import TractionTable
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.sample import TIME_STEP, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
@@ -243,11 +250,61 @@ def lines(kind: Kind) -> Iterator[tuple[str, ...]]:
         )
 
 
+def stops(
+    model: LoadedModel, statics: TractionTable, found: list[list[Observation]]
+) -> Counter[Reason]:
+    """Return how many drives the planner stops for each reason; NONE for those it lets go on.
+
+    As the node, it advises twice a second, with the estimate and the measurements until then.
+    """
+    reasons: Counter[Reason] = Counter()
+    prior = model.metadata.prior_mean, model.metadata.prior_sd
+    for observations in found:
+        estimator = Estimator(model, CoreConfig())
+        planner, reason = Planner(statics, *prior, AdviceConfig()), Reason.NONE
+        for step, observation in enumerate(observations, 1):
+            update = estimator.update(observation)
+            planner.observe(observation)
+            if step % ADVISED == 0 and reason is Reason.NONE:
+                planner.believe(belief_of(update))
+                advice = planner.advise(observation.stamp_ns)
+                reason = Reason.NONE if advice is None else advice.reason
+        reasons[reason] += 1
+    return reasons
+
+
+ADVISED = 5
+"""Observations from one piece of advice to the next."""
+STOP_HEAD = ("motion", "slip, median / 95th percentile", "stopped by SLIP", "FRONT", "others")
+
+
+def stop_lines(kind: Kind) -> Iterator[tuple[str, ...]]:
+    """Yield the lines of a rover's table of the planner's stops, one for each commanded turn."""
+    rover = load_rover(kind.rover)
+    with tempfile.TemporaryDirectory() as folder:
+        model = physics_model(rover, SOIL, Path(folder) / "model.pt")
+    statics = TractionTable(rover, solve_statics(rover, (SOIL,)))
+    for yaw_rate in (0.0, *kind.yaw_rates):
+        found, _ = drives(kind, yaw_rate, 0.0)
+        reasons = stops(model, statics, found)
+        slip = np.nanquantile([each.slip.mean() for drive in found for each in drive], [0.5, 0.95])
+        others = DRIVES - sum(reasons[each] for each in (Reason.NONE, Reason.SLIP, Reason.FRONT))
+        yield (
+            f"{yaw_rate:g} rad/s commanded" if yaw_rate else "straight",
+            f"{slip[0]:.2f} / {slip[1]:.2f}",
+            *(f"{reasons[each]} of {DRIVES}" for each in (Reason.SLIP, Reason.FRONT)),
+            f"{others} of {DRIVES}",
+        )
+
+
 def main(argv: list[str] | None = None) -> int:
-    """Print the tables of docs/lateral.md."""
-    study_parser("off_plane", main.__doc__).parse_args(argv)
+    """Print the tables of docs/lateral.md, or with --planner that of the planner's stops."""
+    parser = study_parser("off_plane", main.__doc__)
+    parser.add_argument("--planner", action="store_true", help="what the planner says in turns")
+    planned = parser.parse_args(argv).planner
+    head, lines_of = (STOP_HEAD, stop_lines) if planned else (HEAD, lines)
     for kind in KINDS:
-        sys.stdout.write(f"{kind.rover}:\n\n{table(HEAD, lines(kind))}\n")
+        sys.stdout.write(f"{kind.rover}:\n\n{table(head, lines_of(kind))}\n")
         sys.stdout.flush()
     return 0
 

@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 
 from studies import off_plane
-from studies.off_plane import DRIVES, KINDS, SOIL, drives, judge
+from studies.off_plane import DRIVES, KINDS, SOIL, drives, judge, stops
 from studies.physics import physics_model
 from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.config.planner import AdviceConfig
+from terrain_estimator.planning.planner import Reason
+from terrain_estimator.planning.solving import solve_statics
+from terrain_estimator.planning.table import TractionTable
 from tests.rovers import FOUR_WHEELS
 
 SAMPLES = 25
@@ -51,3 +55,16 @@ def test_a_rover_across_a_slope_leans_by_it() -> None:
     found, _ = drives(KINDS[1], 0.0, 6.0, SAMPLES)
     rolls = [each.roll for drive in found for each in drive]
     assert np.mean(rolls) == pytest.approx(np.radians(6.0), abs=4.0 * 0.0053 / np.sqrt(len(rolls)))
+
+
+def test_a_planner_that_always_stops_is_counted_as_such(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The count of stops is the planner's: with the lowest limit of slip it stops nearly all."""
+    kind = KINDS[0]
+    model = physics_model(FOUR_WHEELS, SOIL, tmp_path / "model.pt")
+    statics = TractionTable(FOUR_WHEELS, solve_statics(FOUR_WHEELS, (SOIL,)))
+    found, _ = drives(kind, 0.0, 0.0, SAMPLES)
+    assert stops(model, statics, found)[Reason.NONE] == DRIVES
+    monkeypatch.setattr(off_plane, "AdviceConfig", lambda: AdviceConfig(slip_limit=0.1))
+    assert stops(model, statics, found)[Reason.SLIP] > DRIVES / 2

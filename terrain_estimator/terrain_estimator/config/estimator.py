@@ -9,6 +9,9 @@ from rover_parameters.records import ConfigError, entry, number
 from terrain_estimator.config.auto_start import AUTO_START
 from terrain_estimator.topics import BODY_FRAME
 
+TURN_LIMIT = 0.07
+"""[1] Share of the rims' speed that an axle may move sideways, see docs/lateral.md."""
+
 
 @dataclass(frozen=True, slots=True)
 class CoreConfig:
@@ -124,7 +127,7 @@ class CoreConfig:
         "1",
         0.0,
         10.0,
-        default=0.07,
+        default=TURN_LIMIT,
     )
 
     def __post_init__(self) -> None:

@@ -3,6 +3,8 @@
 """The refusal of what a planar model does not describe: a lean to a side, a turn, a slide."""
 
 import math
+from collections.abc import Iterable
+from typing import NamedTuple
 
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.observation import Observation
@@ -36,21 +38,40 @@ def refuse_off_plane(
         degrees = f"{math.degrees(lean):.1f} deg to a side"
         limit = f"beyond roll_limit ({math.degrees(config.roll_limit):.1f} deg)"
         return Outcome.NOT_PLANAR, f"the rover leans {degrees}, {limit}"
-    if not config.turn_limit:
+    moved = sideways_of(observation, rims, rover)
+    if not config.turn_limit or not moved.beyond(config.turn_limit):
         return None
+    motion = f"lateral velocity {moved.left:.3g} m/s and yaw rate {moved.turn:.3g} rad/s"
+    share = f"turn_limit ({config.turn_limit:g} of {moved.speed:.3g} m/s)"
+    aside = f"{moved.sideways:.3g} m/s, beyond {share} and noise ({moved.noise:.3g} m/s)"
+    return Outcome.NOT_PLANAR, f"{motion} move an axle sideways by {aside}"
+
+
+class Sideways(NamedTuple):
+    """Motion to the side; what is not measured counts as zero."""
+
+    left: float  # [m/s] lateral velocity
+    turn: float  # [rad/s] yaw rate
+    sideways: float  # [m/s] of the axle that moves most to a side
+    noise: float  # [m/s] allowed to it
+    speed: float  # [m/s] of the rims, or of the rover where that is more
+
+    def beyond(self, limit: float) -> bool:
+        """Return whether an axle moves aside by more than ``limit`` [1] of the speed, and noise."""
+        return self.sideways - self.noise > limit * self.speed
+
+
+def sideways_of(observation: Observation, rims: Iterable[float], rover: Rover) -> Sideways:
+    """Return the motion to the side; ``rims`` are the speeds of the axles' rims [m/s]."""
     left, left_sd = _known(observation.lateral_velocity, observation.lateral_velocity_sd)
     turn, turn_sd = _known(observation.yaw_rate, observation.yaw_rate_sd)
-    sideways = max(abs(left + x * turn) for x in rover.axle_x)
-    noise = _TURN_BOUND * math.hypot(left_sd, rover.reach * turn_sd)
-    # a rate that no wheel has is masked later
-    speed = max([0.0, observation.velocity, *(rim for rim in rims if abs(rim) <= FASTEST)])
-    if sideways - noise <= config.turn_limit * speed:
-        return None
-    motion = f"lateral velocity {left:.3g} m/s and yaw rate {turn:.3g} rad/s"
-    limit = f"turn_limit ({config.turn_limit:g} of {speed:.3g} m/s) and noise ({noise:.3g} m/s)"
-    return (
-        Outcome.NOT_PLANAR,
-        f"{motion} move an axle sideways by {sideways:.3g} m/s, beyond {limit}",
+    return Sideways(
+        left,
+        turn,
+        max(abs(left + x * turn) for x in rover.axle_x),
+        _TURN_BOUND * math.hypot(left_sd, rover.reach * turn_sd),
+        # a rate that no wheel has is masked later
+        max([0.0, observation.velocity, *(rim for rim in rims if abs(rim) <= FASTEST)]),
     )
 
 

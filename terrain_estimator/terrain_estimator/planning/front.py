@@ -33,6 +33,7 @@ class FrontReading:
     contact_angle: Floats  # [rad] ground relative to the body
     pitch: float  # [rad] nose up
     rim_speed: float  # [m/s] mean of r w
+    turning: bool = False  # or sliding to a side
 
     @property
     def moving(self) -> bool:
@@ -41,7 +42,9 @@ class FrontReading:
 
     @property
     def front_lacks(self) -> str:
-        """Measurements missing to judge the front wheels' ground; empty where none is."""
+        """What is missing to judge the front wheels' ground; empty where nothing is."""
+        if self.turning:
+            return "straight motion"
         needed = {
             "wheel torque": self.torque,
             "slip of the front wheels": self.slip[:1],

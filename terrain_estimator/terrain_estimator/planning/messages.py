@@ -115,7 +115,9 @@ def _status_text(advice: Advice, effects: Sequence[str]) -> str:
     """Describe the advice, and what it leaves out; ``effects`` are those of the estimate."""
     parts = [] if advice.known else [f"margins unknown: {_UNKNOWN[advice.disagrees]}"]
     parts.append(_WORDS[advice.reason] if advice.stop or advice.moving else _CREEP)
-    if advice.moving and advice.front_lacks:
+    if advice.turning:
+        parts.append("slip and front wheels not judged: the rover turns")
+    elif advice.moving and advice.front_lacks:
         parts.append(f"front wheels not judged: no {advice.front_lacks}")
     if advice.moving and math.isnan(advice.sinkage):
         parts.append("sinkage not judged: no measurement")

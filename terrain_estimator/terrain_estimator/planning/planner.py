@@ -13,8 +13,9 @@ from enum import IntEnum
 import numpy as np
 
 from rover_parameters.records import ConfigError
+from terrain_estimator.config.estimator import TURN_LIMIT
 from terrain_estimator.config.planner import AdviceConfig
-from terrain_estimator.estimator.off_plane import FASTEST
+from terrain_estimator.estimator.off_plane import FASTEST, sideways_of
 from terrain_estimator.estimator.screening import backwards
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.planning.belief import Belief, Samples, draw
@@ -47,6 +48,7 @@ class Advice:
     # [1] of being stuck with all wheels on the front wheels' ground; NaN: not measured
     front_stall_probability: float
     front_lacks: str  # missing measurements of the front wheels' ground; empty: none
+    turning: bool  # whether the rover turned within the window, so that its slip says little
     slope: float  # [rad] nose up, measured
     rim_speed: float  # [m/s] commanded speed: what the wheels would do without slip
     slip: float  # [1] measured, mean over the axles; NaN where nothing was
@@ -143,7 +145,10 @@ class Planner:
         front = self._front(here, reading)
         slip, sinkage = _mean(reading.slip), _mean(reading.sinkage)
         if self._reason is Reason.NONE and reading.moving:
-            self._reason = self._judge(under.stall_probability, front, slip, sinkage)
+            # Wheels that turn a rover slip as they have to: the inner ones of a skid-steer nearly
+            # stand. One that is stuck does not turn.
+            slips = not reading.turning and slip > self._config.slip_limit
+            self._reason = self._judge(under.stall_probability, front, sinkage, slips=slips)
         return Advice(
             known=known,
             disagrees=self._belief.disagrees,
@@ -151,6 +156,7 @@ class Planner:
             margins=under,
             front_stall_probability=front,
             front_lacks="model that fits" if self._belief.disagrees else reading.front_lacks,
+            turning=reading.turning,
             slope=reading.pitch,
             rim_speed=reading.rim_speed,
             slip=slip,
@@ -177,11 +183,11 @@ class Planner:
             table, samples, reading.pitch, self._config.slip_limit, self._config.pull_deviation
         )
 
-    def _judge(self, under: float, front: float, slip: float, sinkage: float) -> Reason:
+    def _judge(self, under: float, front: float, sinkage: float, *, slips: bool) -> Reason:
         config = self._config
         if sinkage > config.sinkage_limit * self._table.rover.wheel_radius:
             return Reason.SINKAGE
-        if slip > config.slip_limit:
+        if slips:
             return Reason.SLIP
         if under > config.stop_probability:
             return Reason.TRACTION
@@ -215,13 +221,21 @@ class Planner:
             entry for entry in self._recent if abs(stamp_ns - entry.stamp_ns) <= self._window_ns
         ]
         if recent:
-            return self._typical(recent)
+            turns = [self._turns(entry) for entry in recent]
+            turning = 2 * sum(turns) > len(turns)
+            alike = [entry for entry, each in zip(recent, turns, strict=True) if each == turning]
+            return self._typical(alike, turning=turning)
         if self._standing is None or abs(stamp_ns - self._standing.stamp_ns) > self._window_ns:
             return None
         unknown = np.full(self._table.rover.axles, math.nan)
         return FrontReading(unknown, unknown, unknown, unknown, self._standing.pitch, 0.0)
 
-    def _typical(self, recent: list[Observation]) -> FrontReading:
+    def _turns(self, observation: Observation) -> bool:
+        """Return whether the rover moves in a way that the planar statics do not describe."""
+        rims = np.abs(observation.wheel_rate * self._table.rover.wheel_radius).tolist()
+        return sideways_of(observation, rims, self._table.rover).beyond(TURN_LIMIT)
+
+    def _typical(self, recent: list[Observation], *, turning: bool) -> FrontReading:
         """Return means over time without outliers.
 
         A stop holds until the operator resumes, so a few absurd readings must not cause one.
@@ -236,7 +250,7 @@ class Planner:
         rim = self._table.rover.wheel_radius * _mean(rate)
         if math.isnan(rim):
             rim = velocity / max(1.0 - _mean(slip), _LEAST_ROLLING)
-        return FrontReading(slip, sinkage, torque, angle, pitch, rim)
+        return FrontReading(slip, sinkage, torque, angle, pitch, rim, turning)
 
 
 _LEAST_ROLLING = 0.01
