@@ -182,10 +182,10 @@ def _imu(reading: SimulatedReading, header: Header) -> Imu:
         message.angular_velocity.z = moved.yaw_rate
         rate = moved.yaw_rate_sd**2
         message.angular_velocity_covariance = _diagonal(rate, rate, rate)
-    lean = math.sin(moved.roll) * math.cos(float(measured.pitch))
-    message.linear_acceleration.y = reading.rover.gravity * lean
-    message.linear_acceleration.x = float(measured.acceleration)
-    message.linear_acceleration.z = reading.rover.gravity * math.cos(float(measured.pitch))
+    felt, force = message.linear_acceleration, reading.specific_force
+    level = reading.rover.gravity * math.cos(float(measured.pitch))
+    felt.x = float(measured.acceleration)
+    felt.y, felt.z = (0.0, level) if force is None else force
     message.linear_acceleration_covariance = _diagonal(spread**2, spread**2, spread**2)
     return message
 

@@ -53,13 +53,16 @@ class SimulatedReading:
     wheel_angle: Tensor  # [wheels] [rad] turned since the start
     bogie_angle: float  # [rad] nose-up
     bogie_rate: float  # [rad/s]
-    ground_force: Tensor  # [wheels, 3] true N [N], T [N] and contact angle [rad] of each wheel
+    # [wheels, 4] true N, T [N], contact angle [rad] and side force to the left [N] of each wheel
+    ground_force: Tensor
     odometry: tuple[float, float, float]  # [m] x, y and z, by dead reckoning
     odometry_variance: tuple[float, float, float]  # [m^2]
     truth: GroundTruth
     position: float  # [m] true way along the track
     stuck: bool
     sideways: SidewaysMotion = STRAIGHT
+    # [m/s^2] along the body's y and z, as accelerometers measure it; None: from the pitch alone
+    specific_force: tuple[float, float] | None = None
     steering: Tensor | None = None  # [wheels] [rad] to the left; None: no wheel is steered
 
 

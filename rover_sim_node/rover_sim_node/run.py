@@ -102,7 +102,8 @@ class SimulatedRun:
         )
 
     def _ground_force(self, sample: Sample) -> Tensor:
-        values = torch.stack([sample.normal, sample.traction, sample.contact_angle], -1)
+        none = torch.zeros_like(sample.normal)  # to a side
+        values = torch.stack([sample.normal, sample.traction, sample.contact_angle, none], -1)
         return values[0, list(self.rover.wheel_axle)]
 
     def _integrate(self, measured: Measurement) -> None:
@@ -141,15 +142,19 @@ def _ground(config: SimulatorConfig, width: float) -> Ground:
     return Ground(patches)
 
 
+def check_effect_size(config: SimulatorConfig) -> None:
+    """Raise ConfigError where a size is given without an effect."""
+    if not config.effect and config.effect_size and not math.isnan(config.effect_size):
+        raise ConfigError(
+            f"parameter effect_size: {config.effect_size:g} does nothing without a name: set effect"
+        )
+
+
 def _plant(config: SimulatorConfig, rover: Rover) -> Plant | None:
-    given = not math.isnan(config.effect_size)
+    check_effect_size(config)
     if not config.effect:
-        if given and config.effect_size:
-            raise ConfigError(
-                f"parameter effect_size: {config.effect_size:g} does nothing without a name: set"
-                " effect"
-            )
         return None
+    given = not math.isnan(config.effect_size)
     try:
         description = describe(config.effect)
         size = description.checked(config.effect_size) if given else description.high

@@ -7,16 +7,26 @@ distance between left and right.
 """
 
 import math
+from dataclasses import replace
 
 import torch
+from torch import Tensor
 
 from rover_parameters.records import ConfigError
 from rover_sim_node.config import FOLLOW, SimulatorConfig
-from rover_sim_node.reading import GroundTruth, SidewaysMotion, SimulatedReading, single
+from rover_sim_node.reading import (
+    FIXED,
+    FIXED_SD,
+    GroundTruth,
+    SidewaysMotion,
+    SimulatedReading,
+    single,
+)
+from rover_sim_node.run import check_effect_size
 from rover_sim_node.twist_commands import SKID, TwistCommands
 from terramechanics.description.layout import track_width_of
 from terramechanics.presets import load_rover, load_soil
-from terramechanics.simulation.sample import SLOWEST, Sample
+from terramechanics.simulation.sample import SLOWEST, Measurement, Sample
 from terramechanics.simulation.sensors import Noise, acceleration_bias, measure
 from terramechanics.simulation.simulation import STUCK_TIME
 from terramechanics.simulation.spatial import BodySample, BodySimulation, Plane
@@ -69,7 +79,8 @@ class TurningRun:
         ]
         self._noise, self._sensing = Noise(factor=config.noise), torch.Generator()
         self._sensing.manual_seed(2 * config.seed + 1)
-        self._bias = acceleration_bias(self._noise, 1, self._sensing)
+        # of the accelerometers along x, y and z
+        self._bias = acceleration_bias(self._noise, 3, self._sensing)
         self._wheel_angle = torch.zeros(len(self.rover.wheels), dtype=torch.float64)
         self._velocity = torch.zeros(3, dtype=torch.float64)
         self._pose, self._height = torch.zeros(3, dtype=torch.float64), 0.0
@@ -87,17 +98,13 @@ class TurningRun:
                 " steep or the ground too soft"
             )
         sample = self._sample(body)
-        measured = single(measure(self.rover, sample, self._noise, self._bias, self._sensing))
-        moved = self._sideways(body, float(measured.pitch))
+        measured = single(measure(self.rover, sample, self._noise, self._bias[:1], self._sensing))
         self._wheel_angle = self._wheel_angle + self._step * measured.wheel_rate
-        self._integrate(
-            (float(measured.velocity), float(measured.velocity_sd)),
-            (float(measured.pitch), float(measured.pitch_sd)),
-            moved,
-        )
+        moved = self._integrated(measured, self._sideways(body, float(measured.pitch)))
+        force = self._felt(body)
         self._gone += self._step * float(body.velocity[0, :2].norm())
         self._velocity = body.velocity[0]
-        spread = self._spread.diagonal().tolist()
+        variances = (*self._spread.diagonal()[:2].tolist(), self._height_variance)
         return SimulatedReading(
             time=time,
             rover=self.rover,
@@ -105,13 +112,18 @@ class TurningRun:
             wheel_angle=self._wheel_angle,
             bogie_angle=0.0,
             bogie_rate=0.0,
-            ground_force=torch.stack([sample.normal, sample.traction, sample.contact_angle], -1)[0],
+            ground_force=_ground_force(sample, body.forces[:, self._places, 3]),
             odometry=(float(self._pose[0]), float(self._pose[1]), self._height),
-            odometry_variance=(spread[0], spread[1], self._height_variance),
+            odometry_variance=(
+                max(variances[0], FIXED),
+                max(variances[1], FIXED),
+                max(variances[2], FIXED),
+            ),
             truth=self._truth,
             position=self._gone,
             stuck=self._is_stuck(body),
             sideways=moved,
+            specific_force=force,
             steering=None if self.config.steering == SKID else body.steering[0, self._places],
         )
 
@@ -120,14 +132,12 @@ class TurningRun:
         rim = body.rim[:, self._places]
         slip = torch.where(rim.abs() > SLOWEST, 1.0 - body.along[:, self._places] / rim, math.nan)
         forces, level = body.forces[:, self._places], torch.zeros_like(slip)
-        turned = float(self._velocity[2]) * self._step
-        before = math.cos(turned) * self._velocity[0] + math.sin(turned) * self._velocity[1]
         return Sample(
             time=body.time,
             position=body.position[:, 0],
             height=level[:, 0],
             velocity=body.velocity[:, 0],
-            acceleration=(body.velocity[:, 0] - before) / self._step,
+            acceleration=self._acceleration(body)[:1],
             pitch=body.pitch,
             bogie_angle=level[:, 0],
             stuck=level[:, 0] > 0.0,
@@ -146,6 +156,21 @@ class TurningRun:
             strength=self._strength.expand(*slip.shape, 2),
         )
 
+    def _acceleration(self, body: BodySample) -> Tensor:
+        """Return the acceleration [2] [m/s^2] along the body's x and y, of the centre of mass."""
+        along, left, turn = self._velocity.unbind()
+        sine, cosine = torch.sin(turn * self._step), torch.cos(turn * self._step)
+        before = torch.stack([cosine * along + sine * left, cosine * left - sine * along])
+        return (body.velocity[0, :2] - before) / self._step
+
+    def _felt(self, body: BodySample) -> tuple[float, float]:
+        """Measure the specific force [m/s^2] along the body's y and z."""
+        drawn = torch.randn(2, generator=self._sensing, dtype=torch.float64)
+        true = torch.stack([self._acceleration(body)[1], torch.zeros(())]) - body.gravity[0, 1:]
+        noise = self._noise.factor * self._noise.acceleration * drawn
+        left, up = (true + self._bias[1:] + noise).tolist()
+        return left, up
+
     def _sideways(self, body: BodySample, pitch: float) -> SidewaysMotion:
         """Measure the motion of the body's origin that a planar rover does not make."""
         drawn = torch.randn(3, generator=self._sensing, dtype=torch.float64).tolist()
@@ -155,7 +180,6 @@ class TurningRun:
         roll = math.asin(math.sin(float(body.roll)) / math.cos(float(body.pitch)))
         rate = turn + factor * YAW_RATE_SD * drawn[1]
         roll += factor * self._noise.pitch * drawn[2]
-        yaw = float(self._pose[2]) + self._step * rate * math.cos(roll) / math.cos(pitch)
         return SidewaysMotion(
             lateral_velocity=left + factor * LATERAL_SD * drawn[0],
             lateral_velocity_sd=_stated(factor, LATERAL_SD),
@@ -163,46 +187,48 @@ class TurningRun:
             yaw_rate_sd=_stated(factor, YAW_RATE_SD),
             roll=roll,
             roll_sd=_stated(factor, self._noise.pitch),
-            yaw=yaw,
-            yaw_sd=math.sqrt(float(self._spread[2, 2])),
+            yaw=float(self._pose[2]) + self._step * rate * math.cos(roll) / math.cos(pitch),
         )
 
-    def _integrate(
-        self, velocity: tuple[float, float], pitch: tuple[float, float], moved: SidewaysMotion
-    ) -> None:
-        """Add one step of dead reckoning, and of its covariance to first order."""
-        step, (ahead, ahead_sd), (tilt, tilt_sd) = self._step, velocity, pitch
-        level = ahead * math.cos(tilt)
-        left = moved.lateral_velocity * math.cos(moved.roll)
-        sine, cosine = math.sin(moved.yaw), math.cos(moved.yaw)
-        way = torch.tensor(
-            [cosine * level - sine * left, sine * level + cosine * left], dtype=torch.float64
-        )
+    def _integrated(self, measured: Measurement, moved: SidewaysMotion) -> SidewaysMotion:
+        """Add a step of dead reckoning, and of its covariance to first order; return the motion.
+
+        The step goes along the yaw in its middle.
+        """
+        step, lateral = self._step, moved.lateral_velocity
+        ahead, ahead_sd = float(measured.velocity), float(measured.velocity_sd)
+        tilt, tilt_sd = float(measured.pitch), float(measured.pitch_sd)
+        rising, level = math.sin(moved.roll), math.cos(moved.roll)
+        along = ahead * math.cos(tilt) - lateral * rising * math.sin(tilt)
+        left, yaw = lateral * level, 0.5 * (float(self._pose[2]) + moved.yaw)
+        sine, cosine = math.sin(yaw), math.cos(yaw)
+        way = [cosine * along - sine * left, sine * along + cosine * left]
         by = torch.eye(3, dtype=torch.float64)
         by[0, 2], by[1, 2] = -step * way[1], step * way[0]
-        noise = torch.diag(
-            torch.tensor(
-                [
-                    (cosine * ahead_sd) ** 2 + (sine * moved.lateral_velocity_sd) ** 2,
-                    (sine * ahead_sd) ** 2 + (cosine * moved.lateral_velocity_sd) ** 2,
-                    moved.yaw_rate_sd**2,
-                ],
-                dtype=torch.float64,
-            )
-        )
+        spreads = [
+            math.hypot(cosine * ahead_sd, sine * moved.lateral_velocity_sd),
+            math.hypot(sine * ahead_sd, cosine * moved.lateral_velocity_sd),
+            moved.yaw_rate_sd,
+        ]
+        noise = torch.diag(torch.tensor(spreads, dtype=torch.float64).square())
         self._spread = by @ self._spread @ by.T + step**2 * noise
-        self._pose = torch.cat([self._pose[:2] + step * way, torch.tensor([moved.yaw])])
-        rise = ahead * math.sin(tilt) + moved.lateral_velocity * math.cos(tilt) * math.sin(
-            moved.roll
+        pose = [*(self._pose[:2] + step * torch.tensor(way)).tolist(), moved.yaw]
+        self._pose = torch.tensor(pose, dtype=torch.float64)
+        self._height += step * (ahead * math.sin(tilt) + lateral * rising * math.cos(tilt))
+        self._height_variance += step**2 * (
+            (ahead * tilt_sd) ** 2
+            + (ahead_sd * math.sin(tilt)) ** 2
+            + (lateral * level * math.cos(tilt) * moved.roll_sd) ** 2
+            + (moved.lateral_velocity_sd * rising * math.cos(tilt)) ** 2
         )
-        self._height += step * rise
-        self._height_variance += (step * ahead * tilt_sd) ** 2 + (
-            step * ahead_sd * math.sin(tilt)
-        ) ** 2
+        return replace(moved, yaw_sd=max(float(self._spread[2, 2].sqrt()), FIXED_SD))
 
     def _is_stuck(self, body: BodySample) -> bool:
-        """Return whether the wheels have turned for STUCK_TIME and the hubs have not moved."""
-        rim, hub = float(body.rim.abs().mean()), float(body.along.abs().mean())
+        """Return whether the wheels have turned for STUCK_TIME and the hubs have not moved on.
+
+        A rover that slides back makes no progress either.
+        """
+        rim, hub = float(body.rim.abs().mean()), float((body.along * body.rim.sign()).mean())
         held = rim > 2.0 * SLOWEST and hub < NO_PROGRESS * rim
         self._no_progress = self._no_progress + self._step if held else 0.0
         return self._no_progress >= STUCK_TIME
@@ -221,10 +247,16 @@ def _check(config: SimulatorConfig) -> None:
         )
     if config.effect:
         raise ConfigError(f"parameter effect: {config.effect} is not simulated {why}: leave it out")
+    check_effect_size(config)
     if config.change.soil:
         raise ConfigError(
             f"parameter change.soil: {config.change.soil} is not simulated {why}: leave it out"
         )
+
+
+def _ground_force(sample: Sample, lateral: Tensor) -> Tensor:
+    """Return the forces [wheels, 4] of the ground, as SimulatedReading has them."""
+    return torch.stack([sample.normal, sample.traction, sample.contact_angle, lateral], -1)[0]
 
 
 def _inertia(rover: Rover, track: float) -> float:

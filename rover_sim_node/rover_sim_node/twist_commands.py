@@ -55,17 +55,17 @@ class TwistCommands:
                 " does not move sideways"
             )
         wanted = torch.tensor([linear[0], linear[1], angular[2]], dtype=torch.float64)
-        rim, steering = self._wheels(wanted)
-        fastest, sharpest = float(rim.abs().amax()), float(steering.abs().amax())
+        rim, _ = self._wheels(wanted)
+        fastest = float(rim.abs().amax())
         if fastest > self._config.cmd_vel_limit:
             return (
                 f"a wheel would run at {fastest:.3g} m/s, beyond {self._config.cmd_vel_limit:g}"
                 " (cmd_vel_limit)"
             )
-        if self._config.steering == ACKERMANN and sharpest > SHARPEST:
+        if float(self._possible(wanted)[2]) != angular[2]:
             return (
-                f"a wheel would be steered by {sharpest:.2g} rad, beyond {SHARPEST:g}: turn less"
-                " or drive faster"
+                f"angular.z is {angular[2]:g} rad/s, which steers a wheel by more than"
+                f" {SHARPEST:g} rad at {linear[0]:g} m/s: turn less or drive faster"
             )
         self._wanted = wanted
         self._fresh_until = self._now + self._config.cmd_vel_timeout
@@ -77,10 +77,20 @@ class TwistCommands:
         wanted = self._wanted if fresh else torch.zeros_like(self._wanted)
         most = self._config.cmd_vel_acceleration * (time - self._now)
         bounds = torch.tensor([most, most, most / self._chassis.reach], dtype=torch.float64)
-        self._twist = self._twist + (wanted - self._twist).clamp(-bounds, bounds)
+        self._twist = self._possible(self._twist + (wanted - self._twist).clamp(-bounds, bounds))
         self._now = time
         rim, steering = self._wheels(self._twist)
         return rim.unsqueeze(0), steering.unsqueeze(0)
+
+    def _possible(self, twist: Tensor) -> Tensor:
+        """Return a twist without what no steering angle allows: Ackermann steering has a limit."""
+        if self._config.steering != ACKERMANN:
+            return twist
+        length = max(self._chassis.wheel_x) - min(self._chassis.wheel_x)
+        steepest = math.tan(SHARPEST)
+        # of the inner front wheel, whose hub is the slowest and the most turned
+        most = twist[0].abs() * steepest / (length + max(self._chassis.wheel_y) * steepest)
+        return torch.stack([twist[0], twist[1], twist[2].clamp(-most, most)])
 
     def _wheels(self, twist: Tensor) -> tuple[Tensor, Tensor]:
         if self._config.steering == SKID:

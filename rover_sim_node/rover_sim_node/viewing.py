@@ -76,14 +76,14 @@ def _force(
     centre: tuple[float, float, float],
     force: list[float],
 ) -> Marker:
-    """Return the arrow of a force: normal and traction [N], at a contact angle [rad]."""
+    """Return the arrow of a force: normal and traction [N], at a contact angle [rad], and aside."""
     rover = reading.rover
-    normal, traction, tilt = force
+    normal, traction, tilt, aside = force
     ahead, above = -math.sin(tilt), math.cos(tilt)  # of the normal, away from the ground
     along = normal * ahead + traction * above
     upward = normal * above - traction * ahead
     scale = ARROW_RADII * rover.wheel_radius * len(rover.wheels) / rover.weight
-    length = scale * math.hypot(along, upward)
+    length = scale * math.hypot(along, upward, aside)
     marker = Marker(header=header, ns="forces", id=index, type=Marker.ARROW, color=ARROW)
     if not 0.0 < length < math.inf:
         marker.action = Marker.DELETE
@@ -92,8 +92,12 @@ def _force(
     cosine, sine = math.cos(angle), math.sin(angle)
     back, below = rover.wheel_radius * ahead, z - rover.wheel_radius * above
     foot = Point(x=x - back * cosine, y=y - back * sine, z=below)
-    reach = scale * along
-    tip = Point(x=foot.x + reach * cosine, y=foot.y + reach * sine, z=below + scale * upward)
+    reach, left = scale * along, scale * aside
+    tip = Point(
+        x=foot.x + reach * cosine - left * sine,
+        y=foot.y + reach * sine + left * cosine,
+        z=below + scale * upward,
+    )
     thick = 0.1 * rover.wheel_radius
     marker.points, marker.scale = [foot, tip], Vector3(x=thick, y=2.5 * thick, z=2.5 * thick)
     return marker

@@ -5,6 +5,7 @@
 import dataclasses
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,16 +13,19 @@ import pytest
 import torch
 
 from rover_parameters.records import ConfigError
-from rover_sim_node.config import FOLLOW, GroundChange, SimulatorConfig
+from rover_sim_node.config import FOLLOW, GroundChange, SimulatorConfig, SoilOverrides
 from rover_sim_node.messages import step_messages
 from rover_sim_node.reading import SimulatedReading
 from rover_sim_node.run import SimulatedRun
 from rover_sim_node.turning_run import LATERAL_SD, YAW_RATE_SD, TurningRun
+from rover_sim_node.twist_commands import SHARPEST
+from rover_sim_node.viewing import marker_message
 from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
 from terrain_estimator.estimator.off_plane import refuse_off_plane
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
+from terramechanics import presets
 from terramechanics.presets import load_rover
 from terramechanics.simulation.spatial import Plane
 
@@ -101,7 +105,8 @@ def test_the_spread_of_dead_reckoning_grows_as_its_errors_add_up() -> None:
     steps, config = 100, dataclasses.replace(STEERED, noise=1.0)
     readings = driven(config, (0.08, 0.0, 0.0), steps)
     last = readings[-1]
-    assert last.sideways.yaw_sd**2 == pytest.approx((steps - 1) * (0.1 * YAW_RATE_SD) ** 2)
+    assert readings[0].sideways.yaw_sd == pytest.approx(0.1 * YAW_RATE_SD)
+    assert last.sideways.yaw_sd**2 == pytest.approx(steps * (0.1 * YAW_RATE_SD) ** 2)
     way = np.array([0.1 * float(each.measured.velocity) for each in readings])
     ahead = np.cumsum(way[::-1])[::-1]  # that is still to come after each step's turn
     by_turn = float(((ahead[1:] * 0.1 * YAW_RATE_SD) ** 2).sum())
@@ -109,6 +114,66 @@ def test_the_spread_of_dead_reckoning_grows_as_its_errors_add_up() -> None:
         by_turn + steps * (0.1 * LATERAL_SD) ** 2, rel=0.05
     )
     assert abs(last.sideways.yaw) < 4.0 * last.sideways.yaw_sd
+
+
+def test_the_spread_of_the_height_is_that_of_many_runs() -> None:
+    """Crabbing across a slope, 60 runs: within 30 %, three deviations of such a spread."""
+    heights, stated = [], []
+    for seed in range(60):
+        config = dataclasses.replace(STEERED, noise=1.0, cross_slope=0.2, seed=seed)
+        last = driven(config, (0.0, 0.1, 0.0), 12)[-1]
+        heights.append(last.odometry[2])
+        stated.append(math.sqrt(last.odometry_variance[2]))
+    assert np.std(heights) == pytest.approx(np.mean(stated), rel=0.3)
+
+
+def test_no_variance_is_zero_from_the_first_message_on() -> None:
+    for noise in (0.0, 1.0):
+        config = dataclasses.replace(STEERED, noise=noise)
+        messages = step_messages(driven(config, (0.0, 0.0, 0.0), 1)[0], config, 1, 0)
+        odometry, imu = messages["odom"], messages["imu"]
+        for covariance, size in (
+            (odometry.pose.covariance, 6),
+            (odometry.twist.covariance, 6),
+            (imu.orientation_covariance, 3),
+            (imu.angular_velocity_covariance, 3),
+        ):
+            assert (np.asarray(covariance).reshape(size, size).diagonal() > 0.0).all()
+
+
+def test_accelerometers_feel_the_turn_and_the_slope() -> None:
+    turn = driven(dataclasses.replace(STEERED, rover="four_wheel_rover"), (0.3, 0.0, 0.3), 60)[-1]
+    assert turn.specific_force is not None
+    inward = float(turn.measured.velocity) * turn.sideways.yaw_rate
+    assert turn.specific_force[0] == pytest.approx(inward, rel=0.1)
+    slope = driven(dataclasses.replace(SKID, cross_slope=0.3), (0.1, 0.0, 0.0), 40)[-1]
+    felt = step_messages(slope, SKID, 1, 0)["imu"].linear_acceleration
+    assert math.hypot(felt.x, felt.y, felt.z) == pytest.approx(slope.rover.gravity, rel=1e-3)
+    assert felt.y == pytest.approx(slope.rover.gravity * math.sin(0.3), rel=0.01)
+
+
+def test_crabbing_on_a_slope_is_reckoned_in_three_dimensions() -> None:
+    """The way on the plane, turned into the world, is what the odometry has."""
+    slopes = 0.15, 0.15
+    config = dataclasses.replace(
+        STEERED, profile="ramp", ramp_grade=slopes[0], cross_slope=slopes[1]
+    )
+    run, way = TurningRun(config), np.zeros(3)
+    first, second = (math.tan(each) for each in slopes)
+    along = np.array([1.0, 0.0, first]) / math.hypot(1.0, first)
+    normal = np.array([-first, -second, 1.0])
+    across = np.cross(normal / np.linalg.norm(normal), along)
+    last = run.step()
+    for _ in range(60):
+        assert run.commands.request((0.0, 0.1, 0.0), NOTHING) == ""
+        last = run.step()
+        moved = float(last.measured.velocity), last.sideways.lateral_velocity
+        turned = last.sideways.yaw
+        ahead = math.cos(turned) * along + math.sin(turned) * across
+        left = math.cos(turned) * across - math.sin(turned) * along
+        way += 0.1 * (moved[0] * ahead + moved[1] * left)
+    assert last.odometry[1] > 0.1
+    assert np.array(last.odometry) == pytest.approx(way, abs=0.01 * math.hypot(*way))
 
 
 def test_a_rover_turns_on_the_spot_crabs_and_backs() -> None:
@@ -159,15 +224,16 @@ def test_messages_carry_what_a_planar_rover_has_not() -> None:
 
 @pytest.mark.parametrize(
     ("twist", "slope", "refused"),
-    [((0.2, 0.0, 0.0), 0.0, False), ((0.2, 0.0, 0.8), 0.0, True), ((0.2, 0.0, 0.0), 0.1, True)],
+    [((0.2, 0.0, 0.0), 0.0, False), ((0.4, 0.0, 0.6), 0.0, True), ((0.2, 0.0, 0.0), 0.1, True)],
 )
 def test_the_estimator_refuses_its_turns_and_cross_slopes(
     twist: Twist, slope: float, *, refused: bool
 ) -> None:
-    config = dataclasses.replace(SKID, cross_slope=slope, noise=1.0)
+    config = dataclasses.replace(SKID, cross_slope=slope)
     seen = observed(driven(config, twist, 40)[-1], config)
     rover = load_rover(config.rover)
-    refusal = refuse_off_plane(seen, (seen.wheel_rate * 0.1).tolist(), rover, CoreConfig())
+    rims = (seen.wheel_rate * rover.wheel_radius).tolist()
+    refusal = refuse_off_plane(seen, rims, rover, CoreConfig())
     assert (refusal is not None) == refused
     if refusal is not None:
         assert refusal[0] is Outcome.NOT_PLANAR
@@ -178,6 +244,23 @@ def test_wheels_that_turn_without_moving_the_rover_are_stuck() -> None:
     readings = driven(config, (0.3, 0.0, 0.0), 40)
     assert not readings[0].stuck
     assert readings[-1].stuck
+
+
+def test_a_rover_that_slides_back_is_stuck() -> None:
+    soft = SoilOverrides(tan_phi=0.3, cohesion=100.0)
+    config = dataclasses.replace(SKID, profile="ramp", ramp_grade=0.5, soil_overrides=soft)
+    last = driven(config, (0.3, 0.0, 0.0), 25)[-1]
+    assert float(last.measured.velocity) < -0.1
+    assert last.stuck
+
+
+def test_the_arrow_of_a_wheel_across_a_slope_leans_to_the_side_that_holds_it() -> None:
+    config = dataclasses.replace(STEERED, cross_slope=0.25)
+    last = driven(config, (0.05, 0.0, 0.0), 30)[-1]
+    assert last.ground_force[:, 3].min() > 5.0  # uphill is to the left
+    header = step_messages(last, config, 1, 0)["imu"].header
+    arrows = [each for each in marker_message(last, header, 0.0).markers if each.ns == "forces"]
+    assert all(each.points[1].y > each.points[0].y for each in arrows)
 
 
 def test_the_same_seed_gives_the_same_run() -> None:
@@ -195,6 +278,7 @@ def test_the_same_seed_gives_the_same_run() -> None:
         ({"schedule": "S1"}, "parameter schedule: S1 drives straight ahead"),
         ({"profile": "hills"}, "parameter profile: hills is not simulated with steering skid"),
         ({"effect": "bulldozing"}, "parameter effect: bulldozing is not simulated"),
+        ({"effect_size": 3.0}, "parameter effect_size: 3 does nothing without a name"),
         ({"change": GroundChange(soil="regolith")}, r"parameter change\.soil: regolith"),
         ({"cmd_vel_timeout": 0.1, "rate": 5.0}, "cmd_vel_timeout"),
     ],
@@ -245,6 +329,30 @@ def test_rear_wheels_of_ackermann_steering_stay_straight() -> None:
     rear = max(last.rover.wheel_axle)
     for wheel, angle in zip(last.rover.wheels, last.steering.tolist(), strict=True):
         assert (abs(angle) < 1e-9) == (wheel.axle == rear)
+
+
+@pytest.mark.parametrize("target", [(0.3, 0.1), (-0.3, -0.1)])
+def test_ackermann_steering_stays_below_its_limit_from_the_start_and_in_a_reversal(
+    target: tuple[float, float],
+) -> None:
+    run = TurningRun(dataclasses.replace(STEERED, steering="ackermann"))
+    sharpest = []
+    for speed, turn in (target, (-target[0], -target[1])):
+        for _ in range(30):
+            assert run.commands.request((speed, 0.0, 0.0), (0.0, 0.0, turn)) == ""
+            angles = run.step().steering
+            assert angles is not None
+            sharpest.append(float(angles.abs().max()))
+    assert max(sharpest) <= SHARPEST + 1e-9
+    assert sharpest[29] > 0.1
+
+
+def test_a_rover_file_with_two_left_wheels_on_an_axle_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "rover.yaml"
+    text = (Path(presets.__file__).parent / "rovers" / "four_wheel_rover.yaml").read_text()
+    path.write_text(text.replace("side: right", "side: left", 1))
+    with pytest.raises(ConfigError, match="one left and one right"):
+        TurningRun(dataclasses.replace(SKID, rover=str(path)))
 
 
 def test_accelerations_are_bounded_and_a_stale_command_stops_it() -> None:

@@ -82,8 +82,12 @@ class Chassis:
         Left wheels come first, each side from front to rear. Raises ConfigError where an axle has
         not two wheels.
         """
-        if rover.wheels_per_axle != 2:
-            raise ConfigError(f"{rover.name}: every axle needs two wheels, left and right")
+        sides = sorted((wheel.axle, wheel.side) for wheel in rover.wheels)
+        if sides != [(axle, side) for axle in range(rover.axles) for side in ("left", "right")]:
+            raise ConfigError(
+                f"{rover.name}: every axle needs two wheels, one left and one right, got"
+                f" {', '.join(f'{side} of axle {axle}' for axle, side in sides)}"
+            )
         side = (1.0,) * rover.axles + (-1.0,) * rover.axles
         none = (0.0,) * rover.axles
         joints = []
