@@ -54,22 +54,29 @@ class Sideways(NamedTuple):
     turn: float  # [rad/s] yaw rate
     sideways: float  # [m/s] of the axle that moves most to a side
     noise: float  # [m/s] allowed to it
+    turning: float  # [m/s] of the same axle about the middle of all, less the noise allowed to it
     speed: float  # [m/s] of the rims, or of the rover where that is more
 
     def beyond(self, limit: float) -> bool:
         """Return whether an axle moves aside by more than ``limit`` [1] of the speed, and noise."""
         return self.sideways - self.noise > limit * self.speed
 
+    def turns(self, limit: float) -> bool:
+        """Return whether it does so because the rover turns, rather than slides or crabs."""
+        return self.turning > limit * self.speed
+
 
 def sideways_of(observation: Observation, rims: Iterable[float], rover: Rover) -> Sideways:
     """Return the motion to the side; ``rims`` are the speeds of the axles' rims [m/s]."""
     left, left_sd = _known(observation.lateral_velocity, observation.lateral_velocity_sd)
     turn, turn_sd = _known(observation.yaw_rate, observation.yaw_rate_sd)
+    reach = 0.5 * (rover.axle_x[0] - rover.axle_x[-1])
     return Sideways(
         left,
         turn,
         max(abs(left + x * turn) for x in rover.axle_x),
         _TURN_BOUND * math.hypot(left_sd, rover.reach * turn_sd),
+        reach * (abs(turn) - _TURN_BOUND * turn_sd),
         # a rate that no wheel has is masked later
         max([0.0, observation.velocity, *(rim for rim in rims if abs(rim) <= FASTEST)]),
     )

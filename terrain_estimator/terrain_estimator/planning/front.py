@@ -33,7 +33,8 @@ class FrontReading:
     contact_angle: Floats  # [rad] ground relative to the body
     pitch: float  # [rad] nose up
     rim_speed: float  # [m/s] mean of r w
-    turning: bool = False  # or sliding to a side
+    turning: bool = False
+    sideways: bool = False  # turning, sliding to a side or crabbing
 
     @property
     def moving(self) -> bool:
@@ -43,7 +44,7 @@ class FrontReading:
     @property
     def front_lacks(self) -> str:
         """What is missing to judge the front wheels' ground; empty where nothing is."""
-        if self.turning:
+        if self.sideways:
             return "straight motion"
         needed = {
             "wheel torque": self.torque,

@@ -7,6 +7,7 @@ It has no clock, logs nothing and opens no files.
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -15,7 +16,7 @@ import numpy as np
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import TURN_LIMIT
 from terrain_estimator.config.planner import AdviceConfig
-from terrain_estimator.estimator.off_plane import FASTEST, sideways_of
+from terrain_estimator.estimator.off_plane import FASTEST, Sideways, sideways_of
 from terrain_estimator.estimator.screening import backwards
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.planning.belief import Belief, Samples, draw
@@ -99,13 +100,17 @@ class Planner:
         rear wheels lead and the slope is the other way.
         """
         rims = np.abs(observation.wheel_rate * self._table.rover.wheel_radius)
-        stands = bool(np.isfinite(rims).any() and np.nanmax(rims) <= self._config.standstill_speed)
+        slow = bool(np.isfinite(rims).any() and np.nanmax(rims) <= self._config.standstill_speed)
+        slips = bool(np.isfinite(observation.slip).any())
+        # on the spot the rates of left and right are averaged to nothing
+        spot = slow and slips and self._motion(observation).turns(TURN_LIMIT)
+        stands = slow and not spot
         complete = abs(observation.pitch) < math.pi / 2.0 and abs(observation.velocity) <= FASTEST
         self._standing = observation if stands and complete else None
-        reverses = not stands and backwards(
+        reverses = not slow and backwards(
             observation, self._table.rover.wheel_radius, self._config.standstill_speed
         )
-        if stands or reverses or not complete or not np.isfinite(observation.slip).any():
+        if stands or reverses or not complete or not slips:
             return
         self._recent.append(observation)
         oldest = observation.stamp_ns - self._window_ns
@@ -221,21 +226,20 @@ class Planner:
             entry for entry in self._recent if abs(stamp_ns - entry.stamp_ns) <= self._window_ns
         ]
         if recent:
-            turns = [self._turns(entry) for entry in recent]
-            turning = 2 * sum(turns) > len(turns)
-            alike = [entry for entry, each in zip(recent, turns, strict=True) if each == turning]
-            return self._typical(alike, turning=turning)
+            turning = _most(self._motion(entry).turns(TURN_LIMIT) for entry in recent)
+            alike = [e for e in recent if self._motion(e).turns(TURN_LIMIT) == turning]
+            aside = _most(self._motion(entry).beyond(TURN_LIMIT) for entry in alike)
+            return self._typical(alike, turning=turning, aside=turning or aside)
         if self._standing is None or abs(stamp_ns - self._standing.stamp_ns) > self._window_ns:
             return None
         unknown = np.full(self._table.rover.axles, math.nan)
         return FrontReading(unknown, unknown, unknown, unknown, self._standing.pitch, 0.0)
 
-    def _turns(self, observation: Observation) -> bool:
-        """Return whether the rover moves in a way that the planar statics do not describe."""
+    def _motion(self, observation: Observation) -> Sideways:
         rims = np.abs(observation.wheel_rate * self._table.rover.wheel_radius).tolist()
-        return sideways_of(observation, rims, self._table.rover).beyond(TURN_LIMIT)
+        return sideways_of(observation, rims, self._table.rover)
 
-    def _typical(self, recent: list[Observation], *, turning: bool) -> FrontReading:
+    def _typical(self, recent: list[Observation], *, turning: bool, aside: bool) -> FrontReading:
         """Return means over time without outliers.
 
         A stop holds until the operator resumes, so a few absurd readings must not cause one.
@@ -250,7 +254,13 @@ class Planner:
         rim = self._table.rover.wheel_radius * _mean(rate)
         if math.isnan(rim):
             rim = velocity / max(1.0 - _mean(slip), _LEAST_ROLLING)
-        return FrontReading(slip, sinkage, torque, angle, pitch, rim, turning)
+        return FrontReading(slip, sinkage, torque, angle, pitch, rim, turning, aside)
+
+
+def _most(values: Iterable[bool]) -> bool:
+    """Return whether more than half are true."""
+    given = list(values)
+    return 2 * sum(given) > len(given)
 
 
 _LEAST_ROLLING = 0.01

@@ -79,12 +79,37 @@ def test_the_last_straight_readings_are_judged_until_most_of_the_window_is_a_tur
     assert advice(straight[: -3 * SECOND // 2] + turn[-3 * SECOND // 2 :]).turning
 
 
-def test_without_a_measured_yaw_rate_slip_counts() -> None:
+@pytest.mark.parametrize("lateral", [math.nan, 0.0, 0.06])
+def test_without_a_measured_yaw_rate_slip_counts(lateral: float) -> None:
     unknown = [
-        dataclasses.replace(each, yaw_rate=math.nan, lateral_velocity=math.nan)
+        dataclasses.replace(each, yaw_rate=math.nan, lateral_velocity=lateral)
         for each in moved(0.3, SPINNING)
     ]
     assert advice(unknown).reason is Reason.SLIP
+
+
+def test_a_rover_that_spins_and_slides_to_a_side_is_stopped_by_slip() -> None:
+    """As one that is stuck across a slope; its front wheels are judged by nothing planar."""
+    slides = [dataclasses.replace(each, lateral_velocity=-0.06) for each in moved(0.0, SPINNING)]
+    found = advice(slides)
+    assert not found.turning
+    assert found.reason is Reason.SLIP
+    crabs = [dataclasses.replace(each, lateral_velocity=-0.06) for each in moved(0.0, 0.2)]
+    assert advice(crabs).reason is Reason.NONE
+    assert math.isnan(advice(crabs).front_stall_probability)
+    assert advice(crabs).front_lacks == "straight motion"
+
+
+def test_on_the_spot_deep_wheels_stop_it_and_slip_does_not() -> None:
+    """Rates of left and right wheels are averaged to nothing: yet such a rover does not stand."""
+    deep = AdviceConfig().sinkage_limit * ROVER.wheel_radius * 1.1
+    for sinkage, reason in ((deep, Reason.SINKAGE), (0.01, Reason.NONE)):
+        turned = [
+            dataclasses.replace(each, wheel_rate=np.zeros(3), velocity=0.0)
+            for each in moved(0.3, SPINNING, sinkage)
+        ]
+        assert advice(turned).reason is reason
+        assert advice(turned).moving
 
 
 def test_the_status_says_what_is_not_judged() -> None:
