@@ -279,6 +279,26 @@ def test_an_exported_folder_builds_and_checks_itself(
             np.testing.assert_allclose(here[key], given, rtol=1e-6, atol=1e-8 * scale, err_msg=key)
 
 
+CROSS, QEMU = shutil.which("aarch64-linux-gnu-g++"), shutil.which("qemu-aarch64")
+
+
+@pytest.mark.skipif(
+    not (CROSS and QEMU), reason="needs Debian's g++-aarch64-linux-gnu and qemu-user"
+)
+def test_another_processor_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
+    """The checksum of all numbers of the recorded drive, and the difference from TorchScript."""
+    said = []
+    for compiler, runner in (("g++", []), (str(CROSS), [str(QEMU)])):
+        program = tmp_path / Path(compiler).name
+        flags = ["-std=c++17", "-O0", "-ffp-contract=off", "-static", f"-I{folder}"]
+        parts = [str(folder / name) for name in ("check.cpp", "model.cpp")]
+        subprocess.run([compiler, *flags, "-o", str(program), *parts], check=True)
+        done = subprocess.run([*runner, str(program)], check=True, capture_output=True, text=True)
+        said.append(done.stdout)
+    assert "checksum" in said[0]
+    assert said[0] == said[1]
+
+
 def test_export_core_refuses_a_folder_that_is_not_empty(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
