@@ -4,6 +4,7 @@
 
 import math
 import re
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ TOPICS = {
     "imu": Imu,
 }
 FAST = ("real_time_factor:=20.0",)
+EXAMPLES = Path(__file__).parents[2] / "docs/examples"
 
 
 def simulator(start: Starter, *parameters: str) -> Process:
@@ -182,6 +184,25 @@ def test_with_steering_it_turns_as_commanded_and_says_so(
         "crabbing is refused with its reason",
         seen=lambda: process.output,
     )
+    assert process.interrupt() == 0
+
+
+def test_the_documented_driver_turns_a_rover_to_both_sides(
+    start: Starter, listener: Listener
+) -> None:
+    given = ("steering:=ackermann", "schedule:=cmd_vel", "noise:=0.0", "real_time_factor:=3.0")
+    process = simulator(start, *given)
+    odometry = collect(listener)["odom"]
+    example = str(EXAMPLES / "drive_in_turns.py")
+    driver = start.command(sys.executable, example, "--ros-args", "-p", "leg:=1.0")
+    rates: list[float] = []
+
+    def both() -> bool:
+        rates.extend(each.twist.twist.angular.z for each in odometry[-20:])
+        return max(rates, default=0.0) > 0.005 and min(rates, default=0.0) < -0.005
+
+    listener.spin_until(both, "it turns left and right", seen=lambda: (min(rates), max(rates)))
+    assert driver.interrupt() == 0
     assert process.interrupt() == 0
 
 
