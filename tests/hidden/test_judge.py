@@ -14,7 +14,13 @@ from terramechanics.presets import load_rover
 from tests.hidden.cases import ROVERS, Plan, draw_cases, simulate_cases
 from tests.hidden.generators import GENERATORS
 from tests.hidden.judge.bars import bars, conditions, field_bars, outcomes, proportion
-from tests.hidden.judge.judging import Record, investigated, judged, right
+from tests.hidden.judge.judging import (
+    Record,
+    investigated,
+    judged,
+    right,
+    without_drive,
+)
 from tests.hidden.judge.page import FIELD_HEADING, field, joined
 from tests.hidden.judge.strata import (
     FIELD_SOILS,
@@ -41,12 +47,24 @@ def test_a_sealed_case_gets_the_right_verdict(name: str, tmp_path: Path) -> None
     case = draw_cases(FIXED[name], 1, SEED - 1)[0]
     with torch.inference_mode():
         answer = investigated(seal(case, tmp_path / "bags"), case.truth.soil)
+    assert answer is not None
     record = judged(case, answer)
     assert record["right"], record
     if record["outcome"] in ("exact", "set"):
         assert answer.proof is not None
         assert answer.proof.added
         assert record["gap_closed"] > 0.5
+
+
+def test_a_case_of_which_no_drive_can_be_used_counts_as_wrong(tmp_path: Path) -> None:
+    """Here the wheels are those of another rover."""
+    case = draw_cases(Plan((("payload", 1.0),), seconds=10.0), 1, SEED - 1)[0]
+    bags = seal(case, tmp_path / "bags")
+    assert investigated(bags, case.truth.soil, load_rover("four_wheel_rover")) is None
+    record = without_drive(case) | {"family": "field, one effect"}
+    assert not record["right"]
+    assert "payload | 1 |  |  |  |  |  |  |  | 1 | 0 of 1" in outcomes([record])
+    assert "0 of 1" in field_bars([record])
 
 
 @pytest.mark.parametrize(

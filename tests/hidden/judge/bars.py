@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest, bootstrap
 
-from tests.hidden.judge.judging import Record
+from tests.hidden.judge.judging import NO_DRIVE, Record
 
 CONFIDENCE = 0.95
 NAMES = ("exact", "set", "part", "wrong name")
-OUTCOMES = (*NAMES, "unknown", "none", "soil")
+OUTCOMES = (*NAMES, "unknown", "none", "soil", NO_DRIVE)
 HARDER = ("payload", "grousers", "odometry_scale")
 Chosen = Callable[[Record], bool]
 

@@ -11,6 +11,9 @@ What counts as right:
 - an effect that the library lacks: "unknown";
 - where the soil is told wrongly and nothing else is hidden: "none" or "soil", the soil's constants
   differ. With an effect hidden, too, the name of the effect is right.
+
+Where every observation of the analysed drives is refused, the command says so and has no verdict.
+Such a case counts as wrong, too: "no drive".
 """
 
 import tempfile
@@ -63,14 +66,19 @@ def _examined(case: Case) -> Record:
     with tempfile.TemporaryDirectory() as folder, torch.inference_mode():
         told = case.truth.plan.told or case.truth.soil
         answer = investigated(seal(case, Path(folder) / "bags"), told, case.rover)
-    return judged(case, answer)
+    return judged(case, answer) if answer else without_drive(case)
 
 
-def investigated(bags: list[Path], soil: str, rover: Rover | None = None) -> Answer:
-    """Investigate these bags like the command, the last held out; no pages are written."""
+def investigated(bags: list[Path], soil: str, rover: Rover | None = None) -> Answer | None:
+    """Investigate these bags like the command, the last held out; no pages are written.
+
+    None where no other drive has an observation that is taken.
+    """
     nominal = nominal_of(rover or load_rover(ROVER), load_soil(soil))
     found = [read_run_of(nominal, bag).blocks for bag in bags[:-1]]
     studied = tuple(number for number, blocks in enumerate(found) if isinstance(blocks, Blocks))
+    if not studied:
+        return None
     unseen = read_run_of(nominal, bags[-1], held_out=True).blocks
     study = Study(nominal, [blocks for blocks in found if isinstance(blocks, Blocks)])
     finding = investigate(study, singles(), read_thresholds(), lambda _share, _label: None)
@@ -106,26 +114,39 @@ def judged(case: Case, answer: Answer) -> Record:
     truth, finding = case.truth, answer.finding
     outcome = outcome_of(finding, truth.plan.names)
     gap = answer.proof.gap if answer.proof else None
-    return {
-        "plan": "+".join(name for name, _ in truth.plan.parts) or "none",
+    return _conditions(truth) | {
         "outcome": outcome,
         "right": right(outcome, truth.plan),
         "before_proof": outcome_of(answer.asked, truth.plan.names),
         "named": [each.label for each in finding.judgement.named],
-        "soil": truth.soil,
-        "told": truth.plan.told or truth.soil,
         "soil_revised": finding.soil is not None,
-        "rover": truth.plan.rover or ROVER,
-        "noise": truth.plan.noise,
-        "terrain": truth.terrain,
         "share": finding.gains.share,
         "explainable": finding.gains.explainable,
         "with_discrepancy": [finding.gains.nothing_with, finding.gains.best_with],
         "gains": [(each.label, gain) for each, gain in finding.gains.named],
         "sizes": finding.best.sizes,
-        "equivalents": truth.equivalents,
         "gap_closed": gap.closed if gap else None,
         "strength": _strength(finding, truth, answer.studied),
+    }
+
+
+NO_DRIVE = "no drive"
+
+
+def without_drive(case: Case) -> Record:
+    """Return the record of a case of which no drive can be used."""
+    return _conditions(case.truth) | {"outcome": NO_DRIVE, "right": False, "gap_closed": None}
+
+
+def _conditions(truth: Truth) -> Record:
+    return {
+        "plan": "+".join(name for name, _ in truth.plan.parts) or "none",
+        "soil": truth.soil,
+        "told": truth.plan.told or truth.soil,
+        "rover": truth.plan.rover or ROVER,
+        "noise": truth.plan.noise,
+        "terrain": truth.terrain,
+        "equivalents": truth.equivalents,
     }
 
 

@@ -52,7 +52,8 @@ FIELD = """
 four rovers (two have no model), one of three soils, the size from a range of the hidden law. In a
 third the soil is told wrongly (another preset), in a third the noise is 0.5 to 2 times the stated
 one. The rule of the verdict was frozen by commit {frozen}, whose first eight digits are the seed of
-these cases. All families advance in step, so that those done are a sample of all.
+these cases. All families advance in step, so that those done are a sample of all. "No drive" means
+that every observation of the analysed drives was refused: the command says so and has no verdict.
 
 """
 
