@@ -158,8 +158,8 @@ def test_outcomes_are_counted_by_family_and_effect() -> None:
             record("none", "none", "none"),
         ]
     )
-    assert f"| outside | all | 2 |  |  |  | 1 | 1 |  |  | {proportion(1, 2)} |" in table
-    assert f"| none | none | 1 |  |  |  |  |  | 1 |  | {proportion(1, 1)} |" in table
+    assert f"| outside | all | 2 |  |  |  | 1 | 1 |  |  |  | {proportion(1, 2)} |" in table
+    assert f"| none | none | 1 |  |  |  |  |  | 1 |  |  | {proportion(1, 1)} |" in table
 
 
 def test_the_section_of_the_field_is_replaced_and_the_rest_of_the_page_stays() -> None:
