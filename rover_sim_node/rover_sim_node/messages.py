@@ -182,10 +182,8 @@ def _imu(reading: SimulatedReading, header: Header) -> Imu:
         message.angular_velocity.z = moved.yaw_rate
         rate = moved.yaw_rate_sd**2
         message.angular_velocity_covariance = _diagonal(rate, rate, rate)
-    felt, force = message.linear_acceleration, reading.specific_force
-    level = reading.rover.gravity * math.cos(float(measured.pitch))
-    felt.x = float(measured.acceleration)
-    felt.y, felt.z = (0.0, level) if force is None else force
+    felt = message.linear_acceleration
+    felt.x, (felt.y, felt.z) = float(measured.acceleration), reading.specific_force
     message.linear_acceleration_covariance = _diagonal(spread**2, spread**2, spread**2)
     return message
 

@@ -13,6 +13,7 @@ from terramechanics.vehicle.rover import Rover
 FIXED = 1e-12
 """Variance of motions that a rover cannot make; zero would mean unknown."""
 FIXED_SD = 1e-6
+"""Its standard deviation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +61,8 @@ class SimulatedReading:
     truth: GroundTruth
     position: float  # [m] true way along the track
     stuck: bool
+    specific_force: tuple[float, float]  # [m/s^2] along the body's y and z
     sideways: SidewaysMotion = STRAIGHT
-    # [m/s^2] along the body's y and z, as accelerometers measure it; None: from the pitch alone
-    specific_force: tuple[float, float] | None = None
     steering: Tensor | None = None  # [wheels] [rad] to the left; None: no wheel is steered
 
 

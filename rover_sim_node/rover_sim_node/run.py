@@ -99,6 +99,7 @@ class SimulatedRun:
             truth=self._truth(sample),
             position=float(sample.position),
             stuck=bool(sample.stuck),
+            specific_force=(0.0, self.rover.gravity * math.cos(float(measured.pitch))),
         )
 
     def _ground_force(self, sample: Sample) -> Tensor:

@@ -54,7 +54,7 @@ class Sideways(NamedTuple):
     turn: float  # [rad/s] yaw rate
     sideways: float  # [m/s] of the axle that moves most to a side
     noise: float  # [m/s] allowed to it
-    turning: float  # [m/s] of the same axle about the middle of all, less the noise allowed to it
+    turning: float  # [m/s] of the outer axles by the turn alone, less the noise allowed to it
     speed: float  # [m/s] of the rims, or of the rover where that is more
 
     def beyond(self, limit: float) -> bool:

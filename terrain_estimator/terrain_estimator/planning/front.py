@@ -33,8 +33,8 @@ class FrontReading:
     contact_angle: Floats  # [rad] ground relative to the body
     pitch: float  # [rad] nose up
     rim_speed: float  # [m/s] mean of r w
-    turning: bool = False
-    sideways: bool = False  # turning, sliding to a side or crabbing
+    turning: bool = False  # most of the time, by the yaw rate
+    sideways: bool = False  # so that it turns, slides to a side or crabs
 
     @property
     def moving(self) -> bool:

@@ -226,10 +226,11 @@ class Planner:
             entry for entry in self._recent if abs(stamp_ns - entry.stamp_ns) <= self._window_ns
         ]
         if recent:
-            turning = _most(self._motion(entry).turns(TURN_LIMIT) for entry in recent)
-            alike = [e for e in recent if self._motion(e).turns(TURN_LIMIT) == turning]
-            aside = _most(self._motion(entry).beyond(TURN_LIMIT) for entry in alike)
-            return self._typical(alike, turning=turning, aside=turning or aside)
+            moved = [(entry, self._motion(entry)) for entry in recent]
+            turning = _most(motion.turns(TURN_LIMIT) for _, motion in moved)
+            alike = [each for each in moved if each[1].turns(TURN_LIMIT) == turning]
+            sideways = turning or _most(motion.beyond(TURN_LIMIT) for _, motion in alike)
+            return self._typical([entry for entry, _ in alike], turning=turning, sideways=sideways)
         if self._standing is None or abs(stamp_ns - self._standing.stamp_ns) > self._window_ns:
             return None
         unknown = np.full(self._table.rover.axles, math.nan)
@@ -239,7 +240,7 @@ class Planner:
         rims = np.abs(observation.wheel_rate * self._table.rover.wheel_radius).tolist()
         return sideways_of(observation, rims, self._table.rover)
 
-    def _typical(self, recent: list[Observation], *, turning: bool, aside: bool) -> FrontReading:
+    def _typical(self, recent: list[Observation], *, turning: bool, sideways: bool) -> FrontReading:
         """Return means over time without outliers.
 
         A stop holds until the operator resumes, so a few absurd readings must not cause one.
@@ -254,7 +255,7 @@ class Planner:
         rim = self._table.rover.wheel_radius * _mean(rate)
         if math.isnan(rim):
             rim = velocity / max(1.0 - _mean(slip), _LEAST_ROLLING)
-        return FrontReading(slip, sinkage, torque, angle, pitch, rim, turning, aside)
+        return FrontReading(slip, sinkage, torque, angle, pitch, rim, turning, sideways)
 
 
 def _most(values: Iterable[bool]) -> bool:

@@ -80,7 +80,7 @@ class Chassis:
         Each side has a rocker that carries the front wheel and a bogie; a differential below the
         centre of mass bears the body on both. ``yaw_inertia`` [kg m^2] is about the centre of mass.
         Left wheels come first, each side from front to rear. Raises ConfigError where an axle has
-        not two wheels.
+        not one wheel on each side.
         """
         sides = sorted((wheel.axle, wheel.side) for wheel in rover.wheels)
         if sides != [(axle, side) for axle in range(rover.axles) for side in ("left", "right")]:
