@@ -30,7 +30,6 @@ from terrain_estimator.observation import Observation
 from terrain_estimator.update import Update
 from terramechanics.vehicle.rover import Rover
 from tests.rovers import FOUR_WHEELS
-from tests.samples import LONG
 from tests.terrain_estimator.drives import drive_observations
 from tests.terrain_estimator.kinds import exported
 
@@ -183,7 +182,6 @@ def test_wider_registers_give_the_same_bytes() -> None:
         assert states[0][name].tobytes() == states[1][name].tobytes(), name
 
 
-@pytest.mark.skipif(not LONG, reason="in make test-long: a core is compiled for two minutes")
 def test_general_forms_give_the_bytes_of_fixed_ones(folder: Path, tmp_path: Path) -> None:
     written = (folder / MODEL).read_text()
     assert [name for name in FUNCTIONS if f" {name}_fixed_0(" not in written] == []
