@@ -71,6 +71,7 @@ class Plan:
     noise: float = 1.0  # deviation of the sensors' noise over the stated one
     told: str = ""  # soil that the workflow is told; empty: the true one
     rover: str = ""  # one of ROVERS; empty: the caller's
+    between: float = 0.0  # share of the way from ``soil`` to ``told`` at which the ground lies
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -152,7 +153,9 @@ def simulate_cases(
     turns = range(first, first + count)
     soils = [plan.soil or SOILS[k % len(SOILS)] for k in turns]
     terrains = [TERRAINS[k // len(SOILS) % len(TERRAINS)] for k in turns]
-    ground = draw_ground([name for name in soils for _ in range(EACH)], generator)
+    ground = draw_ground(
+        [name for name in soils for _ in range(EACH)], generator, plan.told, plan.between
+    )
     terrain = draw_terrain([name for name in terrains for _ in range(EACH)], car, ground, generator)
     axle = torch.randint(car.axles, (count,), generator=hiding)
     place = uniform((2.0, 5.0), (count * EACH,), hiding)

@@ -56,12 +56,18 @@ def uniform(
     )
 
 
-def draw_ground(soils: list[str], generator: torch.Generator) -> Ground:
-    """Return the ground of every episode, with the named soil."""
+def draw_ground(
+    soils: list[str], generator: torch.Generator, toward: str = "", share: float = 0.0
+) -> Ground:
+    """Return the ground of every episode, with the named soil.
+
+    Its constants lie by a ``share`` of the way ``toward`` those of another soil, in logarithms.
+    """
     batch = len(soils)
-    constants = torch.stack([load_soil(soil).constants() for soil in soils]) * (
-        1.0 + uniform((-SPREAD, SPREAD), (batch, 6), generator)
-    )
+    named = torch.stack([load_soil(soil).constants() for soil in soils])
+    if share:
+        named = named * (load_soil(toward).constants() / named) ** share
+    constants = named * (1.0 + uniform((-SPREAD, SPREAD), (batch, 6), generator))
     cohesion = uniform(COHESION_PA, (batch,), generator)
     tan_phi = torch.tan(torch.deg2rad(uniform(FRICTION_DEG, (batch,), generator)))
     return Ground([Patch(constants, torch.stack([cohesion, tan_phi], dim=-1))])

@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 import torch
 
-from terramechanics.presets import load_rover
+from terramechanics.presets import load_rover, load_soil
 from tests.hidden.cases import ROVERS, Plan, draw_cases, simulate_cases
 from tests.hidden.generators import GENERATORS
+from tests.hidden.ground import SPREAD, draw_ground
 from tests.hidden.judge.bars import bars, conditions, field_bars, outcomes, proportion
 from tests.hidden.judge.judging import (
     Record,
@@ -25,6 +26,7 @@ from tests.hidden.judge.page import FIELD_HEADING, field, joined
 from tests.hidden.judge.strata import (
     FIELD_SOILS,
     KNOWN,
+    NO_FILE,
     OUTSIDE,
     SEED,
     TOGETHER,
@@ -174,6 +176,10 @@ def test_the_section_of_the_field_is_replaced_and_the_rest_of_the_page_stays() -
     assert joined("# Page\n", "# New\n", None) == "# New\n"
     assert "| field, all cases: right | at least 93% | 2 of 2" in field_bars(records)
     assert conditions(records).count("|---") == 2
+    alone = [record(NO_FILE, "payload", "exact", **drawn, right=True)]
+    assert "told one of them | 1 of 1" in conditions(alone)
+    assert "soil told" not in conditions(alone)
+    assert "all cases: right | at least 93% | no cases" in field_bars(alone)
 
 
 def test_limits_are_those_of_clopper_and_pearson() -> None:
@@ -205,7 +211,11 @@ def test_the_field_is_drawn_from_the_commit_that_froze_the_rule() -> None:
     assert field == field_batches("1a2b3c4dffff")
     assert field != field_batches("1a2b3c4e5e")
     keys = [key for batch in field for key in batch.keys]
-    assert len(set(keys)) == len(keys) >= 500
+    assert len(set(keys)) == len(keys)
+    between = [batch.plan for batch in field if batch.family == NO_FILE]
+    assert all(plan.told and 0.3 <= plan.between <= 0.7 for plan in between)
+    field = [batch for batch in field if batch.family != NO_FILE]
+    assert len(field) >= 500
     told = sum(bool(batch.plan.told) for batch in field) / len(field)
     noisy = [batch.plan.noise for batch in field if batch.plan.noise != 1.0]
     assert 0.2 < told < 0.47
@@ -214,7 +224,7 @@ def test_the_field_is_drawn_from_the_commit_that_froze_the_rule() -> None:
     assert {batch.plan.rover for batch in field} == set(ROVERS)
     assert all(batch.plan.told != batch.plan.soil for batch in field)
     first = field[: len(field) // 5]
-    assert {batch.family for batch in first} == set(field_families())
+    assert {batch.family for batch in first} == set(field_families()) - {NO_FILE}
     assert {(batch.plan.rover, batch.plan.soil) for batch in first} == {
         (rover, soil) for rover in ROVERS for soil in FIELD_SOILS
     }
@@ -228,6 +238,14 @@ def test_a_case_of_the_field_has_its_rover_and_states_other_noise_than_it_has() 
     assert torch.equal(noisy.measured.pitch_sd, plain.measured.pitch_sd)
     errors = [each.measured.pitch - each.drive.seen.pitch for each in (noisy, plain)]
     assert float(errors[0].std() / errors[1].std()) == pytest.approx(2.0, rel=0.01)
+
+
+def test_ground_without_a_file_lies_between_that_told_and_the_one_drawn() -> None:
+    named = [load_soil(name).constants() for name in ("loose_sand", "regolith")]
+    drawn = torch.Generator().manual_seed(3)
+    for share, middle in ((0.5, (named[0] * named[1]).sqrt()), (0.0, named[0])):
+        ground = draw_ground(["loose_sand"] * 50, drawn, "regolith", share)
+        assert bool(((ground.patches[0].constants / middle - 1.0).abs() <= SPREAD).all())
 
 
 def test_a_part_of_the_sample_is_a_sample_of_every_family() -> None:

@@ -36,7 +36,7 @@ from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
 from terrain_estimator.discovery.proof.soil_proof import proven
 from terrain_estimator.discovery.report.diagnosis import diagnose
-from terrain_estimator.discovery.report.finding import investigate
+from terrain_estimator.discovery.report.investigation import investigate
 from terrain_estimator.files.journal_file import JournalError
 from terrain_estimator.files.results import ResultFolder
 from terrain_estimator.learning.finding_model import (
@@ -67,7 +67,7 @@ from terrain_estimator.offline.revised_soils import SOILS, write_soils
 from terrain_estimator.offline.run_soils import SOIL, RunSoils, run_soils
 from terrain_estimator.offline.summary import write_summary
 from terrain_estimator.offline.topic_mapping import TopicError
-from terramechanics.presets import load_rover
+from terramechanics.presets import load_rover, soil_names
 from terramechanics.vehicle.rover import Rover
 
 WRONG = 2
@@ -103,7 +103,7 @@ def search(options: argparse.Namespace) -> int:
         base = given or installed_model(rover)
         hypotheses = singles(options.library, rover.axles)
         given_runs = _given_runs(options)
-        soils = run_soils(options.soil, given_runs, rover)
+        soils = run_soils(options.soil, given_runs, rover, options.other_soils)
         _refuse_soils_of_the_results(soils, options.out)
         runs, held_out = _divided(options, soils)
         results, names = ResultFolder(options.out), _results(base, options.out)
@@ -119,11 +119,14 @@ def search(options: argparse.Namespace) -> int:
 
         def identity() -> dict[str, Any]:
             given = {"library": options.library, "take_damaged": options.take_damaged}
-            prior_told = {"prior": dataclasses.asdict(prior)}
+            doubt = {
+                "prior": dataclasses.asdict(prior),
+                "at_hand": [*map(dataclasses.asdict, soils.at_hand)],
+            }
             places = {"runs": [*map(_full, runs)], "hold_out": [*map(_full, held_out)]}
             inputs = provenance(nominal.rover, soils) | {"code_sha256": code_sha256()}
             bags = contents_of([*runs, *held_out])
-            return told_asked | given | prior_told | places | inputs | bags
+            return told_asked | given | doubt | places | inputs | bags
 
         with (
             _place(options, results, len(runs), identity) as (place, pieces),
@@ -135,7 +138,7 @@ def search(options: argparse.Namespace) -> int:
             unseen = kept.blocks
             refuse_equal([*usable.blocks, *unseen])
             study = Study(nominal, usable.blocks, contributions=usable.contributions)
-            finding = investigate(study, hypotheses, read_thresholds(), report.at)
+            finding = investigate(study, hypotheses, read_thresholds(), report.at, soils.at_hand)
             diagnosis = diagnose(study, hypotheses, finding, report.at)
             report.at(0.97, "held-out runs")
             outcome = proven(finding, study, unseen, options.seed, kept.contributions)
@@ -232,6 +235,14 @@ def search_parser(name: str = "find_missing_effect") -> argparse.ArgumentParser:
         metavar="[RUN=]NAME",
         help="name of a soil or path of a soil file; RUN=NAME for one run, may be given several"
         f" times (default: {SOIL})",
+    )
+    parser.add_argument(
+        "--other-soils",
+        nargs="*",
+        default=soil_names(),
+        metavar="NAME",
+        help="soils, or paths of soil files, on which the runs may be instead of --soil; nothing"
+        f" after it: none (default: {' '.join(soil_names())})",
     )
     add_search_options(parser, "all that a planar rover shows", "held-out choice")
     parser.add_argument(

@@ -74,7 +74,8 @@ def asked(rover: str, soils: RunSoils, seed: int, reading: BagOptions) -> dict[s
     parameters = {
         name: value for name, value in effective(reading.config).items() if value != before[name]
     }
-    told = {"rover": rover, "soil": soils.words(), "seed": seed}
+    told: dict[str, Any] = {"rover": rover, "soil": soils.words(), "seed": seed}
+    told["other_soils"] = list(soils.others)
     if len(set(soils.names.values())) > 1:
         told["soils"] = {str(run): name for run, name in soils.names.items()}
     return told | {"topics": topics, "parameters": parameters}

@@ -20,7 +20,8 @@ SOILS = "soils"
 def soils_content(outcome: Proven) -> list[dict[str, Any]]:
     """Return the constants of every revised soil: as told, found, standard deviation.
 
-    There is no file of constants that held-out runs refute, or of a soil whose own file fits.
+    There is no file of constants that held-out runs refute, or of a soil whose own file fits, and
+    none is written where that of another soil, ``fits``, does.
     """
     finding = outcome.finding
     revisions = () if finding.soil is None else finding.soil.revisions
@@ -28,7 +29,8 @@ def soils_content(outcome: Proven) -> list[dict[str, Any]]:
         {
             "soil": each.told.name,
             "runs": each.runs,
-            "file": f"{SOILS}/{name}.yaml" if each.moved and not outcome.soil_refuted else None,
+            "file": f"{SOILS}/{name}.yaml" if each.is_new and not outcome.soil_refuted else None,
+            "fits": each.found.name if each.of_file else None,
             "moved": list(each.moved),
             "constants": {
                 name: {
@@ -46,13 +48,14 @@ def soils_content(outcome: Proven) -> list[dict[str, Any]]:
 def write_soils(outcome: Proven, folder: Path) -> list[str]:
     """Write a soil file for every revised soil to ``folder``/SOILS; return their places in it.
 
-    None is written of constants that held-out runs refute, or of a soil whose own file fits.
+    None is written of constants that held-out runs refute, or of a soil whose own file or that of
+    another soil fits.
     """
     if outcome.finding.soil is None or outcome.soil_refuted:
         return []
     places, revisions = [], outcome.finding.soil.revisions
     for each, name in zip(revisions, _names(revisions), strict=True):
-        if not each.moved:
+        if not each.is_new:
             continue
         (folder / SOILS).mkdir(exist_ok=True)
         places.append(f"{SOILS}/{name}.yaml")

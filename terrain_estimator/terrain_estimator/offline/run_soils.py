@@ -22,6 +22,8 @@ class RunSoils:
 
     names: Mapping[Path, str]  # as given
     soils: Mapping[Path, Soil]
+    others: tuple[str, ...] = ()  # names of soils on which the runs may be instead, as given
+    at_hand: tuple[Soil, ...] = ()  # all of these
 
     @property
     def first(self) -> Soil:
@@ -33,11 +35,13 @@ class RunSoils:
         return ", ".join(dict.fromkeys(self.names.values()))
 
 
-def run_soils(given: Sequence[str], runs: Sequence[Path], rover: Rover) -> RunSoils:
+def run_soils(
+    given: Sequence[str], runs: Sequence[Path], rover: Rover, others: Sequence[str] = ()
+) -> RunSoils:
     """Return the soil of every run from texts ``NAME`` (of all others) and ``RUN=NAME``.
 
     RUN is the path of a run, or the name of its bag where only one has it. NAME is that of a soil,
-    or the path of a soil file.
+    or the path of a soil file, like each of ``others``, on which the runs may be instead.
 
     Raises:
         ConfigError: a run or soil is unknown, a run has two soils, or its name is that of two runs.
@@ -59,7 +63,16 @@ def run_soils(given: Sequence[str], runs: Sequence[Path], rover: Rover) -> RunSo
         own[run] = soil
     names = {run: own.get(run, usual or SOIL) for run in runs}
     loaded = {name: load_soil(name).for_wheel(rover.wheel_width) for name in names.values()}
-    return RunSoils(names, {run: loaded[name] for run, name in names.items()})
+    at_hand = _at_hand(list(loaded.values()), others, rover)
+    soils = {run: loaded[name] for run, name in names.items()}
+    return RunSoils(names, soils, tuple(others), at_hand)
+
+
+def _at_hand(told: Sequence[Soil], others: Sequence[str], rover: Rover) -> tuple[Soil, ...]:
+    """Return the soils told and others that carry the rover's wheels, each once."""
+    found = map(load_soil, others)
+    carrying = [soil for soil in found if soil.k_c / rover.wheel_width + soil.k_phi > 0.0]
+    return tuple(dict.fromkeys([*told, *carrying]))
 
 
 def _run_of(name: str, text: str, runs: Sequence[Path]) -> Path:

@@ -118,14 +118,21 @@ def _none(finding: Mapping[str, Any]) -> tuple[str, Markup]:
 
 
 def _soil(finding: Mapping[str, Any]) -> tuple[str, Markup]:
+    soils = finding["soils"]
+    found = "; ".join(map(soil_words, soils)).replace("+-", "±")
+    sure = probability(finding["probabilities"]["soil"])
+    if all(each.get("fits") for each in soils):
+        fitting = words([*dict.fromkeys(each["fits"] for each in soils)])
+        sentence = Markup(
+            "There nothing else is missing (probability {}): {}. Give this soil by --soil, and take"
+            " a model that has it."
+        )
+        return f"The ground is {fitting}", sentence.format(sure, found)
     sentence = Markup(
         "With these constants nothing else is missing (probability {}): {}. Measure the soil again,"
         " or use the soil file written beside this page."
     )
-    found = "; ".join(map(soil_words, finding["soils"])).replace("+-", "±")
-    return "The soil differs from its file", sentence.format(
-        probability(finding["probabilities"]["soil"]), found
-    )
+    return "The soil differs from its file", sentence.format(sure, found)
 
 
 def sentence(text: str) -> str:
@@ -134,13 +141,15 @@ def sentence(text: str) -> str:
 
 
 def soil_words(revision: Mapping[str, Any]) -> str:
-    """Return the constants of a revised soil that moved, in one line."""
+    """Return in one line which soil fits, or the constants of a revised one that moved."""
+    runs = "1 run" if revision["runs"] == 1 else f"{revision['runs']} runs"
+    if revision.get("fits"):
+        return f"soil {revision['soil']} ({runs}): the file of {revision['fits']} fits better"
     moved = [
         f"{name} {each['found']:.3g} +- {each['sd']:.1g} instead of {each['told']:.3g}"
         for name, each in revision["constants"].items()
         if name in revision["moved"]
     ]
-    runs = "1 run" if revision["runs"] == 1 else f"{revision['runs']} runs"
     return f"soil {revision['soil']} ({runs}): {', '.join(moved) or 'its file fits'}"
 
 

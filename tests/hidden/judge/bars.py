@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import binomtest, bootstrap
 
 from tests.hidden.judge.judging import NO_DRIVE, Record
+from tests.hidden.judge.strata import NO_FILE
 
 CONFIDENCE = 0.95
 NAMES = ("exact", "set", "part", "wrong name")
@@ -229,6 +230,9 @@ def conditions(records: Sequence[Record]) -> str:
     """Return the table of right verdicts by condition of the field, as Markdown."""
     groups: dict[str, list[Record]] = defaultdict(list)
     for each in records:
+        if each["family"] == NO_FILE:
+            groups["beside the bars: ground between two soil files, told one of them"].append(each)
+            continue
         wrong, noisy = each["told"] != each["soil"], each["noise"] != 1.0
         groups[f"soil told {'wrongly' if wrong else 'rightly'}"].append(each)
         groups[f"noise {'misstated' if noisy else 'as stated'}"].append(each)

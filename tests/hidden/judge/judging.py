@@ -29,10 +29,11 @@ from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
 from terrain_estimator.discovery.proof.proof import Proof
 from terrain_estimator.discovery.proof.soil_proof import proven
-from terrain_estimator.discovery.report.finding import Finding, investigate
+from terrain_estimator.discovery.report.finding import Finding
+from terrain_estimator.discovery.report.investigation import investigate
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.offline.reading_runs import read_run_of
-from terramechanics.presets import load_rover, load_soil
+from terramechanics.presets import load_rover, load_soil, soil_names
 from terramechanics.vehicle.rover import Rover
 from tests.hidden.cases import Case, Plan, Truth, draw_cases
 from tests.hidden.judge.strata import Batch
@@ -81,7 +82,8 @@ def investigated(bags: list[Path], soil: str, rover: Rover | None = None) -> Ans
         return None
     unseen = read_run_of(nominal, bags[-1], held_out=True).blocks
     study = Study(nominal, [blocks for blocks in found if isinstance(blocks, Blocks)])
-    finding = investigate(study, singles(), read_thresholds(), lambda _share, _label: None)
+    at_hand = [load_soil(name) for name in soil_names()]
+    finding = investigate(study, singles(), read_thresholds(), lambda _share, _label: None, at_hand)
     runs = [unseen] if isinstance(unseen, Blocks) else []
     outcome = proven(finding, study, runs)
     return Answer(outcome.finding, finding, outcome.proof, studied)
@@ -120,6 +122,8 @@ def judged(case: Case, answer: Answer) -> Record:
         "before_proof": outcome_of(answer.asked, truth.plan.names),
         "named": [each.label for each in finding.judgement.named],
         "soil_revised": finding.soil is not None,
+        "soil_of_file": finding.soil.of_files if finding.soil else None,
+        "soil_found": [each.found.name for each in finding.soil.revisions] if finding.soil else [],
         "share": finding.gains.share,
         "explainable": finding.gains.explainable,
         "with_discrepancy": [finding.gains.nothing_with, finding.gains.best_with],

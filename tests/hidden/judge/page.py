@@ -51,9 +51,12 @@ FIELD = """
 **{done} of the {wanted} cases are done.** Here conditions are drawn, for each case anew: one of
 four rovers (two have no model), one of three soils, the size from a range of the hidden law. In a
 third the soil is told wrongly (another preset), in a third the noise is 0.5 to 2 times the stated
-one. The rule of the verdict was frozen by commit {frozen}, whose first eight digits are the seed of
-these cases. All families advance in step, so that those done are a sample of all. "No drive" means
-that every observation of the analysed drives was refused: the command says so and has no verdict.
+one. The command tries the other presets, so that the right file is at hand; beside the bars stand
+cases on ground between two presets, for which there is no file. The rule of the verdict was frozen
+by commit {frozen},
+whose first eight digits are the seed of these cases. All families advance in step, so that those
+done are a sample of all. "No drive" means that every observation of the analysed drives was
+refused: the command says so and has no verdict.
 
 """
 

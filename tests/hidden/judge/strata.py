@@ -77,12 +77,20 @@ def families() -> dict[str, tuple[list[Plan], int, int]]:
 FIELD_SOILS = ("loose_sand", "regolith", "compact_sand")
 NEIGHBOUR = {"loose_sand": "regolith", "regolith": "loose_sand", "compact_sand": "loose_sand"}
 """The soil that is told in a third of the cases of the field, instead of the true one."""
+BETWEEN = (0.3, 0.7)
+"""[1] Share of the way to the soil that is told, in cases whose ground has no file."""
 LEAST_NOISE, MOST_NOISE = 0.5, 2.0
 """[1] Deviation of the noise over the stated one, in another third."""
 
 
+NO_FILE = "no file, one effect or nothing"
+
+
 def field_families() -> dict[str, tuple[list[Plan], int]]:
-    """Return the families of cases whose conditions are drawn, and the cases of each plan."""
+    """Return the families of cases whose conditions are drawn, and the cases of each plan.
+
+    The ground of NO_FILE is that of no soil file: they stand beside the bars of the others.
+    """
     return {
         "field, nothing": ([Plan()], 120),
         "field, one effect": ([Plan(((name, None),)) for name in KNOWN], 20),
@@ -91,6 +99,7 @@ def field_families() -> dict[str, tuple[list[Plan], int]]:
             [Plan(((first, None), (second, None))) for first, second in PAIRS],
             8,
         ),
+        NO_FILE: ([Plan(), *(Plan(((name, None),)) for name in KNOWN)], 4),
     }
 
 
@@ -108,7 +117,7 @@ def field_batches(frozen: str) -> list[Batch]:
         families[family] = [
             Batch(
                 family,
-                _condition(plan, drawn),
+                _condition(plan, drawn, has_file=family != NO_FILE),
                 seed % 1_000_000_000 + turn,
                 drawn.randrange(len(FIELD_SOILS) * len(TERRAINS)),
                 count=1,
@@ -119,16 +128,17 @@ def field_batches(frozen: str) -> list[Batch]:
     return _in_step(list(families.values()))
 
 
-def _condition(plan: Plan, drawn: random.Random) -> Plan:
+def _condition(plan: Plan, drawn: random.Random, *, has_file: bool) -> Plan:
     soil = drawn.choice(FIELD_SOILS)
     wrong, noisy = drawn.random() < 1.0 / 3.0, drawn.random() < 1.0 / 3.0
     power = drawn.uniform(math.log(LEAST_NOISE), math.log(MOST_NOISE))
     return replace(
         plan,
         soil=soil,
-        told=NEIGHBOUR[soil] if wrong else "",
+        told=NEIGHBOUR[soil] if wrong or not has_file else "",
         noise=math.exp(power) if noisy else 1.0,
         rover=drawn.choice(sorted(ROVERS)),
+        between=0.0 if has_file else drawn.uniform(*BETWEEN),
     )
 
 

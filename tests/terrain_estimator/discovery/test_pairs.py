@@ -7,7 +7,7 @@ import torch
 from terrain_estimator.discovery.evidence.search import foresee, further, members, search
 from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.library import singles, together
-from terrain_estimator.discovery.report.finding import investigate
+from terrain_estimator.discovery.report.investigation import investigate
 from tests.terrain_estimator.discovery.known import SIZES, study
 
 

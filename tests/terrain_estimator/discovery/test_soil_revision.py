@@ -3,6 +3,7 @@
 """A soil file that is wrong: its constants are found, alone and beside an effect, and proven."""
 
 import dataclasses
+import math
 from functools import cache
 
 import pytest
@@ -10,15 +11,16 @@ import torch
 import yaml
 
 from terrain_estimator.discovery.evidence.common_constants import COMMON_SD
+from terrain_estimator.discovery.evidence.other_soils import on_other_soil
 from terrain_estimator.discovery.evidence.soil_revision import revised
 from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
 from terrain_estimator.discovery.proof.soil_proof import Proven, proven
-from terrain_estimator.discovery.report.finding import (
+from terrain_estimator.discovery.report.finding import Finding
+from terrain_estimator.discovery.report.investigation import (
     LEAST_BESIDE,
-    Finding,
     besides_soil,
     investigate,
 )
@@ -64,13 +66,14 @@ def study(payload_kg: float, told: str) -> Study:
 
 
 @cache
-def found(payload_kg: float, told: str) -> Finding:
+def found(payload_kg: float, told: str, *at_hand: str) -> Finding:
     with torch.inference_mode():
         return investigate(
             study(payload_kg, told),
             singles(("payload", "slope_bias")),
             read_thresholds(),
             lambda _share, _label: None,
+            [load_soil(name) for name in at_hand],
         )
 
 
@@ -97,7 +100,7 @@ def test_held_out_runs_prove_the_constants_or_refute_them() -> None:
     assert outcome.soil is not None
     assert outcome.soil.holds
     assert outcome.soil.after < 0.5 * outcome.soil.before
-    assert outcome.soil.sentence.startswith("the revised soil constants hold on held-out runs")
+    assert outcome.soil.sentence.startswith("the revised soils hold on held-out runs")
 
 
 def test_an_effect_is_named_beside_a_wrong_soil_file() -> None:
@@ -109,6 +112,49 @@ def test_an_effect_is_named_beside_a_wrong_soil_file() -> None:
     assert abs(size - 25.0) < 3.0 * sd
 
 
+@pytest.mark.parametrize(("payload_kg", "verdict"), [(0.0, Verdict.SOIL), (25.0, Verdict.NAMED)])
+def test_the_file_of_the_right_soil_is_found_among_those_at_hand(
+    payload_kg: float, verdict: Verdict
+) -> None:
+    finding = found(payload_kg, "regolith", "compact_sand", "regolith", "loose_sand")
+    assert finding.judgement.verdict is verdict
+    assert finding.soil is not None
+    (revision,) = finding.soil.revisions
+    assert (revision.told, revision.found, revision.runs) == (TOLD, TRUE, 2)
+    assert revision.of_file
+    assert not revision.is_new
+    assert finding.soil.price == pytest.approx(math.log(4.0))
+    if payload_kg:
+        assert finding.judgement.named[0].names == ("payload",)
+        ((_, size, sd),) = finding.best.sizes
+        assert abs(size - payload_kg) < 3.0 * sd
+
+
+def test_a_file_of_another_law_or_that_fits_no_better_is_not_taken() -> None:
+    right = study(0.0, "loose_sand")
+    scm = dataclasses.replace(load_soil("regolith"), law="scm", c2=0.0)
+    with torch.inference_mode():
+        assert on_other_soil(right, [TRUE, scm], 0.0) is None
+        assert on_other_soil(right, [TRUE, TOLD, scm], 0.0) is None
+        worse = on_other_soil(right, [TRUE, TOLD, scm], -1e6)
+    assert worse is not None
+    assert worse.of_files
+    assert [each.found for each in worse.revisions] == [TOLD]
+
+
+def test_each_soil_as_told_is_taken_for_another_by_itself() -> None:
+    """One of two runs is told to be on regolith, the other on compact sand; both are on sand."""
+    compact = load_soil("compact_sand")
+    both = tuple(
+        dataclasses.replace(run, soil=soil)
+        for run, soil in zip(runs(0.0)[:2], (TOLD, compact), strict=True)
+    )
+    with torch.inference_mode():
+        there = on_other_soil(Study(nominal_of(MARS, TOLD), both), [TOLD, compact, TRUE], 10.0)
+    assert there is not None
+    assert [(each.told, each.found) for each in there.revisions] == [(TOLD, TRUE), (compact, TRUE)]
+
+
 @pytest.mark.parametrize(("share", "verdict"), [(0.9, Verdict.UNKNOWN), (1.1, Verdict.NAMED)])
 def test_a_name_that_gains_little_on_revised_constants_is_unknown(
     share: float, verdict: Verdict
@@ -116,7 +162,7 @@ def test_a_name_that_gains_little_on_revised_constants_is_unknown(
     finding = found(25.0, "regolith")
     ((first, _), *others) = finding.gains.named
     weak = dataclasses.replace(finding.gains, named=((first, share * LEAST_BESIDE), *others))
-    judgement = besides_soil(dataclasses.replace(finding, gains=weak))
+    judgement = besides_soil(dataclasses.replace(finding, gains=weak), LEAST_BESIDE)
     assert judgement.verdict is verdict
     assert judgement.named[0].names == ("payload",)
     assert sum(judgement.probabilities.values()) == pytest.approx(1.0)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import yaml
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.bags import Types
@@ -21,6 +22,7 @@ from terrain_estimator.offline.finding_file import asked, soil_sums
 from terrain_estimator.offline.reading_runs import read_run
 from terrain_estimator.offline.run_soils import run_soils
 from terrain_estimator.offline.topic_mapping import TopicError
+from terramechanics.presets import load_soil
 from tests.drives import ROVER, Event, drive_messages, write_bag
 
 TYPES = Types()
@@ -114,7 +116,7 @@ def test_a_run_without_a_usable_observation_says_what_was_refused_and_why(
 def test_a_finding_says_with_which_topics_and_parameters_the_bags_were_read() -> None:
     told = asked(
         "my_rover",
-        run_soils(["compact_sand"], [Path("monday")], ROVER),
+        run_soils(["compact_sand"], [Path("monday")], ROVER, ["regolith"]),
         0,
         reading("--remap", "odom:=/inertial", "-p", "torque_noise.relative:=0.1"),
     )
@@ -122,6 +124,7 @@ def test_a_finding_says_with_which_topics_and_parameters_the_bags_were_read() ->
         "rover": "my_rover",
         "soil": "compact_sand",
         "seed": 0,
+        "other_soils": ["regolith"],
         "topics": {"odom": "/inertial"},
         "parameters": {"torque_noise.relative": 0.1},
     }
@@ -142,6 +145,18 @@ def test_every_run_has_its_soil_or_that_of_all_others() -> None:
     assert set(sums) == {"soil loose_sand", "soil regolith", "soil compact_sand"}
     assert len(set(sums.values())) == 3
     assert set(run_soils([], runs, ROVER).names.values()) == {"loose_sand"}
+
+
+def test_soils_at_hand_are_those_told_and_others_that_carry_the_wheels(tmp_path: Path) -> None:
+    soft = tmp_path / "soft.yaml"
+    told = load_soil("loose_sand")
+    values = dataclasses.asdict(told) | {"k_c": -told.k_phi, "name": "soft"}
+    soft.write_text(yaml.safe_dump(values))
+    others = ["regolith", str(soft), "loose_sand"]
+    found = run_soils([], [Path("monday"), Path("tuesday")], ROVER, others)
+    assert [soil.name for soil in found.at_hand] == ["loose_sand", "regolith"]
+    with pytest.raises(ConfigError, match="cheese"):
+        run_soils([], [Path("monday")], ROVER, ["cheese"])
 
 
 @pytest.mark.parametrize(

@@ -80,6 +80,23 @@ def test_a_soil_that_fits_beside_a_revised_one_has_no_file(tmp_path: Path) -> No
     ]
 
 
+def test_a_soil_whose_runs_another_file_fits_has_no_new_file(tmp_path: Path) -> None:
+    both = outcome("sand", "dune")
+    assert both.finding.soil is not None
+    files = tuple(
+        replace(each, found=load_soil("regolith"), of_file=True)
+        for each in both.finding.soil.revisions
+    )
+    found = Proven(replace(both.finding, soil=replace(both.finding.soil, revisions=files)))
+    assert write_soils(found, tmp_path) == []
+    content = soils_content(found)
+    assert [(each["file"], each["fits"]) for each in content] == [(None, "regolith")] * 2
+    assert soil_words(content[0]) == "soil sand (2 runs): the file of regolith fits better"
+    page = verdict(content_of("soil") | {"soils": content, "probabilities": {"soil": 1.0}})
+    assert page.headline == "The ground is regolith"
+    assert "the file of regolith fits better" in page.sentence
+
+
 def test_constants_that_held_out_runs_refute_have_no_file(tmp_path: Path) -> None:
     refuted = outcome("sand", soil=SoilProof(2.0, 2.0, 1.0, 0.9 * LIKELIER), proof=object())
     assert write_soils(refuted, tmp_path) == []

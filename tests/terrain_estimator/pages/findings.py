@@ -45,9 +45,7 @@ def finding(verdict: str) -> dict[str, Any]:
         ),
         "where": [] if verdict == "none" else _WHERE,
         "soils": [_SOIL] if soil else [],
-        "soil_proof": {"sentence": "the revised soil constants hold on held-out runs"}
-        if soil
-        else None,
+        "soil_proof": {"sentence": "the revised soils hold on held-out runs"} if soil else None,
         "gap": (
             _GAP
             if added

@@ -54,7 +54,7 @@ def test_constants_that_differ_are_listed_with_the_file_and_its_proof() -> None:
     assert "n 1.01 ± 0.02 instead of 1.1, shear_modulus 0.0181 ± 0.0005 instead of 0.025" in text
     assert "c2 0.319" not in text  # within two deviations: only in the table
     assert "Soil file: soils/loose_sand_found.yaml" in text
-    assert "The revised soil constants hold on held-out runs." in text
+    assert "The revised soils hold on held-out runs." in text
     beside = finding("named") | PLAIN | {"soils": finding("soil")["soils"]}
     assert "The soil file does not fit, either: soil loose_sand (2 runs): n 1.01" in finding_page(
         beside

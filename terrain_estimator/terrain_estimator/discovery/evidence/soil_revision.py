@@ -36,6 +36,7 @@ class Revision:
     found: Soil
     runs: int
     sd: dict[str, float]  # standard deviation of each uncertain constant, in its own unit
+    of_file: bool = False  # whether the constants found are those of another soil file
 
     @property
     def moved(self) -> tuple[str, ...]:
@@ -46,6 +47,11 @@ class Revision:
             if abs(getattr(self.found, name) - getattr(self.told, name)) > 2.0 * sd
         )
 
+    @property
+    def is_new(self) -> bool:
+        """Whether no soil file at hand has the constants found."""
+        return bool(self.moved) and not self.of_file
+
 
 @dataclass(frozen=True, slots=True)
 class RevisedStudy:
@@ -54,7 +60,12 @@ class RevisedStudy:
     study: Study
     revisions: tuple[Revision, ...]
     price: float  # [nat] of the constants that were fitted to the runs
-    beside: Candidate  # the hypothesis beside which they were fitted
+    beside: Candidate  # the hypothesis beside which they were fitted; nothing where they were not
+
+    @property
+    def of_files(self) -> bool:
+        """Whether all these soils have files, and no constant was fitted."""
+        return all(each.of_file for each in self.revisions)
 
     def gain(self, candidate: Candidate, told: Study) -> float:
         """Return the gain [nat] of a candidate here over nothing on the soils as told."""

@@ -17,7 +17,7 @@ discrepancy without a name on top:
    leaves something too, of which another effect takes a part.
 
 5. Soil constants that differ from those of the soil file count like an effect, see
-   :func:`terrain_estimator.discovery.report.finding.investigate`.
+   :func:`terrain_estimator.discovery.report.investigation.investigate`.
 
 The thresholds are calibrated by ``studies.calibration``.
 """

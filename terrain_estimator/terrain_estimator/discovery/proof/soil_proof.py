@@ -41,7 +41,7 @@ class SoilProof:
         """The outcome in words."""
         outcome = "hold" if self.holds else "do not hold"
         return (
-            f"the revised soil constants {outcome} on held-out runs: rollouts miss by"
+            f"the revised soils {outcome} on held-out runs: rollouts miss by"
             f" {self.after:.2f} instead of {self.before:.2f} sd of the sensors, the noise floor is"
             f" {self.noise_floor:.2f}; the runs as a whole are {self.log_bayes_factor:.0f} nat"
             " likelier"

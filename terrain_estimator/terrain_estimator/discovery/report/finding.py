@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The whole investigation of some runs: fits, verdict, and what is confusable with what."""
+"""Which effects are missing from runs on given soils: fits and verdict."""
 
 import dataclasses
 import re
@@ -17,14 +17,9 @@ from terrain_estimator.discovery.evidence.search import (
     members,
     search,
 )
-from terrain_estimator.discovery.evidence.soil_revision import (
-    RevisedStudy,
-    revised,
-    revised_alone,
-)
+from terrain_estimator.discovery.evidence.soil_revision import RevisedStudy
 from terrain_estimator.discovery.evidence.study import Candidate, Study
 from terrain_estimator.discovery.evidence.verdict import (
-    SECOND_SHARE,
     Gains,
     Judgement,
     Thresholds,
@@ -66,13 +61,18 @@ class Finding:
         """The most probable named hypothesis."""
         return self.candidates[0]
 
+    @property
+    def answer(self) -> Candidate:
+        """The best name, or nothing where nothing is missing."""
+        return self.nothing if self.judgement.verdict is Verdict.NONE else self.best
+
     def candidate(self, hypothesis: Hypothesis) -> Candidate:
         """Return the fit of that hypothesis."""
         return next(each for each in self.candidates if each.hypothesis == hypothesis)
 
 
 @dataclass(frozen=True, slots=True)
-class _Singles:
+class Singles:
     """What single effects explain of the runs of a study."""
 
     free: Candidate  # nothing with a discrepancy
@@ -87,226 +87,48 @@ class _Singles:
         return self.gains.explainable - self.gains.best
 
 
-@dataclass(frozen=True, slots=True)
-class _Revision:
-    """What was found on revised constants of the soils, in gains over nothing on those told."""
-
-    there: RevisedStudy
-    found: Finding
-    alone: float  # [nat] constants alone, where they explained more than any effect; else 0
-    explains: float  # [nat] constants and what is named on them
-
-    def closes(self, gains: Gains, thresholds: Thresholds) -> bool:
-        """Return whether this closes nearly all that the best effect leaves, see is_pair."""
-        name = gains.single or gains.best
-        left = max(gains.explainable, self.explains) - name
-        return self.explains - name >= max(thresholds.anything, SECOND_SHARE * left)
-
-    @property
-    def finding(self) -> Finding:
-        """The finding with these constants as a part of it."""
-        judgement = besides_soil(self.found)
-        return dataclasses.replace(self.found, soil=self.there, judgement=judgement)
-
-    def weighed(self, told: Finding, thresholds: Thresholds) -> Finding:
-        """Return this where it explains enough, else ``told``.
-
-        What the constants explain is there to be explained then, too.
-        """
-        gains = told.gains
-        if self.alone > (gains.single or gains.best):
-            enough = self.explains >= thresholds.share * max(gains.explainable, self.explains)
-        else:
-            enough = self.closes(gains, thresholds)
-        if enough and self.explains > gains.best:
-            return self.finding
-        gains = dataclasses.replace(gains, nothing_with=max(gains.nothing_with, self.explains))
-        judgement = judge(gains, thresholds)
-        chances = told.judgement.probabilities | judgement.probabilities
-        judgement = dataclasses.replace(judgement, probabilities=chances)
-        return dataclasses.replace(told, gains=gains, judgement=judgement)
-
-
-def investigate(
-    study: Study,
-    hypotheses: Sequence[Hypothesis],
-    thresholds: Thresholds,
-    progress: ProgressCallback,
-) -> Finding:
-    """Search what is missing: effects, other constants of the soils, or both.
-
-    The constants count like an effect and are tried where the best one leaves something: alone,
-    then beside it. They are the answer where they close nearly all of that, with what is found on
-    them and more than a pair of effects promises. Else pairs are tried, and the constants are
-    weighed again. A prior without doubt of the constants leaves them.
-    """
-    single = _singles(study, hypotheses, thresholds, _part(progress, 0.0, 0.3))
-    doubted = study.nominal.prior.constants_sd > 0.0
-    revision: _Revision | None = None
-    if doubted and single.left >= thresholds.anything:
-        progress(0.3, "soil constants")
-        there = _promising(study, single.found[0], single.gains, thresholds)
-        if there is not None:
-            revision = _on_revised(study, there, hypotheses, thresholds, _part(progress, 0.35, 0.6))
-            if revision.closes(single.gains, thresholds) and (
-                revision.found.judgement.verdict is Verdict.NONE
-                or revision.explains > _foreseen_pair(study, hypotheses, single.found[0])
-            ):
-                return revision.finding
-    told = _completed(study, hypotheses, thresholds, single, _part(progress, 0.6, 0.8))
-    first = next(each for each in told.candidates if len(each.hypothesis.effects) == 1)
-    tried = revision is not None and revision.alone > (told.gains.single or told.gains.best)
-    if doubted and not tried and first.hypothesis != single.found[0].hypothesis:
-        there = _promising(study, first, told.gains, thresholds)
-        if there is not None:
-            revision = _on_revised(study, there, hypotheses, thresholds, _part(progress, 0.8, 1.0))
-    return told if revision is None else revision.weighed(told, thresholds)
-
-
-def _foreseen_pair(study: Study, hypotheses: Sequence[Hypothesis], first: Candidate) -> float:
-    """Return the largest foreseen gain [nat] of ``first`` with another effect."""
-    foreseen = foresee(study, _pairs(hypotheses, first), lambda _share, _label: None, first)
-    base = study.nothing.fit.log_evidence
-    return foreseen[0].log_evidence - base if foreseen else first.fit.log_evidence - base
-
-
-def _promising(
-    study: Study, first: Candidate, gains: Gains, thresholds: Thresholds
-) -> RevisedStudy | None:
-    """Return the study on constants that explain more than the best effect, or much beside it.
-
-    ``first`` is that effect; None where it leaves nothing, or no such constants are found.
-    """
-    name = gains.single or gains.best
-    left = gains.explainable - name
-    if left < thresholds.anything:
-        return None
-    alone = revised_alone(study, thresholds.share * gains.explainable)
-    if alone is not None and alone.gain(alone.beside, study) > name:
-        return alone
-    there = revised(study, first)
-    least = max(thresholds.anything, PROMISING * left)
-    if there is None or there.gain(there.beside, study) - name < least:
-        return None
-    return there
-
-
-PROMISING = 0.5
-"""[1] Share of what the best name leaves that revised constants explain beside it at least."""
-
-
-def _part(progress: ProgressCallback, first: float, last: float) -> ProgressCallback:
+def part_of(progress: ProgressCallback, first: float, last: float) -> ProgressCallback:
     """Return the progress of a part of the work."""
     return lambda share, label: progress(first + (last - first) * share, label)
 
 
-def _on_revised(
-    study: Study,
-    there: RevisedStudy,
-    hypotheses: Sequence[Hypothesis],
-    thresholds: Thresholds,
-    progress: ProgressCallback,
-) -> _Revision:
-    """Search on revised constants, or on those that fit beside the best effect there."""
-    alone = 0.0 if there.beside.hypothesis.effects else there.gain(there.beside, study)
-    single = _singles(there.study, hypotheses, thresholds, _part(progress, 0.0, 0.4))
-    best = single.found[0]
-    something = single.gains.explainable >= thresholds.anything
-    if something and best.hypothesis != there.beside.hypothesis:
-        beside = _beside_effect(study, best, there, thresholds)
-        if beside is not there:
-            there = beside
-            single = _singles(there.study, hypotheses, thresholds, _part(progress, 0.4, 0.6))
-    found = _completed(there.study, hypotheses, thresholds, single, _part(progress, 0.6, 1.0))
-    answer = found.nothing if found.judgement.verdict is Verdict.NONE else found.best
-    return _Revision(there, found, alone, there.gain(answer, study))
-
-
-def _beside_effect(
-    study: Study, effect: Candidate, there: RevisedStudy, thresholds: Thresholds
-) -> RevisedStudy:
-    """Return the study on the constants that fit beside an effect, found on those of ``there``.
-
-    Constants that were fitted without the effect stand in for it: they are fitted again as long as
-    that gains anything. Returns ``there`` where it never does.
-    """
-    for _ in range(REFITS):
-        found = revised(study, effect, there.study)
-        if found is None:
-            break
-        if found.gain(found.beside, study) - there.gain(effect, study) < thresholds.anything:
-            break
-        there, effect = found, found.beside
-    return there
-
-
-REFITS = 4
-"""Fits of the constants beside an effect at most."""
-
-
-LEAST_BESIDE = 50.0
-"""[nat] Least gain of a name on revised constants.
-
-Constants take up most of an effect that acts like another soil, and what is left of it looks like
-something else. In 24 practice cases, field_batches("0000a5a5"), names that were right gained 105
-nat or more, three of four wrong ones 23 to 36.
-"""
-
-
-def besides_soil(found: Finding) -> Judgement:
-    """Return the judgement on revised constants: nothing else is missing where it says none.
-
-    A name that gains little is unknown.
-    """
-    judgement = found.judgement
-    verdict = Verdict.SOIL if judgement.verdict is Verdict.NONE else judgement.verdict
-    named = judgement.named
-    chances = {name: p for name, p in judgement.probabilities.items() if name != "none"}
-    chances |= {"none": 0.0, "soil": judgement.probabilities["none"]}
-    if verdict in (Verdict.NAMED, Verdict.CONFUSABLE) and found.gains.best < LEAST_BESIDE:
-        sure = {name: chances[name] for name in ("none", "soil")}
-        chances = dict.fromkeys(chances, 0.0) | sure | {"unknown": 1.0 - sum(sure.values())}
-        verdict, named = Verdict.UNKNOWN, named[:1]
-    return Judgement(verdict, named, chances)
-
-
-def _singles(
+def explain_singly(
     study: Study,
     hypotheses: Sequence[Hypothesis],
     thresholds: Thresholds,
     progress: ProgressCallback,
-) -> _Singles:
-    """Fit all effects that promise something."""
+) -> Singles:
+    """Fit all single effects that promise something."""
     progress(0.0, "nothing missing")
-    free = study.with_discrepancy(study.nothing)
-    foreseen = foresee(study, hypotheses, _part(progress, 0.1, 0.5))
-    found = search(study, foreseen, _part(progress, 0.5, 1.0))
+    free = study.free
+    foreseen = foresee(study, hypotheses, part_of(progress, 0.1, 0.5))
+    found = search(study, foreseen, part_of(progress, 0.5, 1.0))
     base = study.nothing.fit.log_evidence
     # Where neither a name nor the discrepancy comes near to gaining anything, both together do not
     # either.
     clear = max(found[0].fit.log_evidence, free.fit.log_evidence) - base < 0.5 * thresholds.anything
     best_with = found[0] if clear else study.with_discrepancy(found[0])
     gains = gains_of(study.nothing, found, free, best_with)
-    return _Singles(free, foreseen, found, best_with, gains)
+    return Singles(free, foreseen, found, best_with, gains)
 
 
-def _completed(
+def complete(
     study: Study,
     hypotheses: Sequence[Hypothesis],
     thresholds: Thresholds,
-    single: _Singles,
+    single: Singles,
     progress: ProgressCallback,
 ) -> Finding:
     """Fit again what may explain more, pairs where the best leaves something, and judge."""
     found, gains, best_with, free = single.found, single.gains, single.best_with, single.free
     if gains.explainable - gains.best >= thresholds.anything:
-        again = further(study, single.foreseen, found, _part(progress, 0.0, 0.2))
+        again = further(study, single.foreseen, found, part_of(progress, 0.0, 0.2))
         found, first = bettered(found, again), found[0]
         if found[0] is not first:
             best_with = study.with_discrepancy(found[0])
         gains = gains_of(study.nothing, found, free, best_with)
     if gains.explainable - gains.best >= thresholds.anything:
-        pairs = _beside(study, hypotheses, found[0], _part(progress, 0.2, 0.9))
+        pairs = _beside(study, hypotheses, found[0], part_of(progress, 0.2, 0.9))
         if pairs:
             alone = bettered(found, members(study, pairs[0]))
             if alone[0] is not found[0]:
@@ -329,14 +151,15 @@ def _beside(
     study: Study, hypotheses: Sequence[Hypothesis], first: Candidate, progress: ProgressCallback
 ) -> list[Candidate]:
     """Return the most probable pairs of ``first`` and another effect."""
-    others = _pairs(hypotheses, first)
+    others = pairs_with(hypotheses, first)
     if not others:
         return []
     foreseen = foresee(study, others, lambda share, label: progress(0.5 * share, label), first)
     return search(study, foreseen, lambda share, label: progress(0.5 + 0.5 * share, label), first)
 
 
-def _pairs(hypotheses: Sequence[Hypothesis], first: Candidate) -> list[Hypothesis]:
+def pairs_with(hypotheses: Sequence[Hypothesis], first: Candidate) -> list[Hypothesis]:
+    """Return the pairs of the effect of ``first`` and each other one."""
     names = set(first.hypothesis.names)
     return [together(first.hypothesis, each) for each in hypotheses if not names & set(each.names)]
 
