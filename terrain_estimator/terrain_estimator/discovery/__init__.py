@@ -10,7 +10,7 @@
     # the rest beside the best one
     study.with_discrepancy(candidates[0])
     # all of it, and the verdict
-    finding = investigate(study, singles(), thresholds, progress)
+    finding = investigate(study, singles(), thresholds, progress, soils_at_hand)
     # where it disagrees, which effects these runs separate, what to drive next
     diagnosis = diagnose(study, singles(), finding, progress)
     # whether it helps on unseen runs
@@ -31,8 +31,10 @@ Each name stands in its module:
 - ``next_effect``: the equations with one more effect from those without it.
 - ``flexible``: a discrepancy without a name.
 - ``study``: runs and fits of one hypothesis to them. ``search``: fits of all that promise anything.
-- ``common_constants``: a fit of soil constants that runs have in common. ``soil_revision``: a study
-  on them. ``verdict``: the rule. ``finding``: all of it.
+- ``other_soils``: runs on another soil of those at hand. ``common_constants``: a fit of soil
+  constants that runs have in common; ``soil_revision``: a study on them.
+- ``verdict``: the rule. ``finding``: the effects on given soils. ``investigation``: effects and
+  soils, which compete.
 - ``where``: rows against regions of signals (``regions``) on the innovations of a fit
   (``whitening``).
 - ``isolability``: which effects the runs can separate, by expected log Bayes factors

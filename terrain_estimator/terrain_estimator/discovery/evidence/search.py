@@ -78,35 +78,44 @@ def further(
     foreseen: Sequence[Foreseen],
     found: Sequence[Candidate],
     progress: ProgressCallback,
+    after: Candidate | None = None,
 ) -> list[Candidate]:
     """Fit hypotheses again that explain more at a size that matters than was foreseen or found.
 
     One evaluation near nothing says little of a law that is far from linear, such as multipass. At
     its typical size, doubled as long as that gains, another one does. Effects with two signs are
-    nearly linear and are not looked at.
+    nearly linear and are not looked at. ``after`` is as in :func:`foresee`: then the effect is the
+    one more.
     """
-    base, again = study.nothing.fit.log_evidence, []
+    base, again = (after or study.nothing).fit.log_evidence, []
     known = {each.hypothesis: each.log_evidence - base for each in foreseen}
     known |= {each.hypothesis: each.fit.log_evidence - base for each in found}
+    first = len(after.fit.point.shared) if after else 0
     for number, (hypothesis, gain) in enumerate(known.items()):
         progress(number / len(known), hypothesis.label)
-        if float(hypothesis.shared().low[0]) < 0.0:
+        if float(hypothesis.shared().low[first]) < 0.0:
             continue
-        values, there = _best_multiple(study, hypothesis)
+        values, there = _best_multiple(study, hypothesis, after)
         if there > max(gain + WORTHLESS, PROMISING * (found[0].fit.log_evidence - base)):
-            again.append(study.refine(study.explain_from(hypothesis, values)))
+            again.append(study.refine(study.explain_from(hypothesis, values, after)))
     return again
 
 
-def _best_multiple(study: Study, hypothesis: Hypothesis) -> tuple[Tensor, float]:
+def _best_multiple(
+    study: Study, hypothesis: Hypothesis, after: Candidate | None
+) -> tuple[Tensor, float]:
     """Return the multiple of the typical size that explains most, and its gain [nat]."""
-    high = float(hypothesis.shared().high[0])
     values = torch.tensor(hypothesis.typical(), dtype=torch.float64)
-    gain = study.predict_at(hypothesis, values)
-    while gain > 0.0 and values[0] < high:
+    first, already = 0, 0.0
+    if after:
+        first, already = len(after.fit.point.shared), after.fit.given - study.nothing.fit.given
+        values[:first] = after.fit.point.shared
+    high = float(hypothesis.shared().high[first])
+    gain = study.predict_at(hypothesis, values, after) - already
+    while gain > 0.0 and values[first] < high:
         double = values.clone()
-        double[0] = min(2.0 * float(values[0]), high)
-        more = study.predict_at(hypothesis, double)
+        double[first] = min(2.0 * float(values[first]), high)
+        more = study.predict_at(hypothesis, double, after) - already
         if more <= gain:
             break
         values, gain = double, more

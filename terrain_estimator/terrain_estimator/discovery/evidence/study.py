@@ -203,28 +203,40 @@ class Study:
         pinned = _pinned(hypothesis, values)
         return Candidate(hypothesis, fit(evaluate, first.point, pinned, columns, unknown, most=3))
 
-    def _held(self, hypothesis: Hypothesis, values: Tensor, most: int) -> Fit:
-        start = self.nothing.fit.point.with_shared(values)
+    def _held(
+        self, hypothesis: Hypothesis, values: Tensor, most: int, after: Candidate | None = None
+    ) -> Fit:
+        start = (after or self.nothing).fit.point.with_shared(values)
         known = [each.by_constant for each in self.nothing.fit.equations]
         columns = self._plain.columns
         pinned = _pinned(hypothesis, values)
         return fit(self.evaluate(hypothesis), start, pinned, columns, known, most=most)
 
-    def predict_at(self, hypothesis: Hypothesis, values: Tensor) -> float:
-        """Predict the gain [nat] over nothing of a hypothesis with these values, held there."""
-        nothing = self.nothing.fit
+    def predict_at(
+        self, hypothesis: Hypothesis, values: Tensor, after: Candidate | None = None
+    ) -> float:
+        """Predict the gain [nat] over nothing of a hypothesis with these values, held there.
+
+        The runs' own unknowns come from ``after``, by default from nothing.
+        """
+        before = (after or self.nothing).fit
         found = predict(
             self.evaluate(hypothesis),
-            nothing.point.with_shared(values),
+            before.point.with_shared(values),
             _pinned(hypothesis, values),
             self._plain.columns,
-            nothing.equations,
+            before.equations,
         )
-        return found.given - nothing.given
+        return found.given - self.nothing.fit.given
 
-    def explain_from(self, hypothesis: Hypothesis, values: Tensor) -> Candidate:
-        """Fit a hypothesis from these values, to which the runs' own unknowns were fitted first."""
-        return self.fit_from(hypothesis, self._held(hypothesis, values, most=5).point)
+    def explain_from(
+        self, hypothesis: Hypothesis, values: Tensor, after: Candidate | None = None
+    ) -> Candidate:
+        """Fit a hypothesis from these values, to which the runs' own unknowns were fitted first.
+
+        They come from ``after``, by default from nothing.
+        """
+        return self.fit_from(hypothesis, self._held(hypothesis, values, most=5, after=after).point)
 
     def refine(self, candidate: Candidate, *, most: int = 8) -> Candidate:
         """Fit a candidate until nothing moves, with its own columns of the soil constants.

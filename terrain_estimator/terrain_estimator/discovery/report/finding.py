@@ -128,7 +128,8 @@ def complete(
             best_with = study.with_discrepancy(found[0])
         gains = gains_of(study.nothing, found, free, best_with)
     if gains.explainable - gains.best >= thresholds.anything:
-        pairs = _beside(study, hypotheses, found[0], part_of(progress, 0.2, 0.9))
+        part = part_of(progress, 0.2, 0.9)
+        pairs = _beside(study, hypotheses, found[0], gains.explainable, thresholds, part)
         if pairs:
             alone = bettered(found, members(study, pairs[0]))
             if alone[0] is not found[0]:
@@ -148,14 +149,25 @@ def complete(
 
 
 def _beside(
-    study: Study, hypotheses: Sequence[Hypothesis], first: Candidate, progress: ProgressCallback
+    study: Study,
+    hypotheses: Sequence[Hypothesis],
+    first: Candidate,
+    explainable: float,
+    thresholds: Thresholds,
+    progress: ProgressCallback,
 ) -> list[Candidate]:
-    """Return the most probable pairs of ``first`` and another effect."""
+    """Return the most probable pairs of ``first`` and another effect.
+
+    They are fitted again from a size that matters where none explains the ``explainable`` [nat].
+    """
     others = pairs_with(hypotheses, first)
     if not others:
         return []
-    foreseen = foresee(study, others, lambda share, label: progress(0.5 * share, label), first)
-    return search(study, foreseen, lambda share, label: progress(0.5 + 0.5 * share, label), first)
+    foreseen = foresee(study, others, part_of(progress, 0.0, 0.4), first)
+    found = search(study, foreseen, part_of(progress, 0.4, 0.7), first)
+    if explainable - study.gain(found[0]) < thresholds.anything:
+        return found
+    return bettered(found, further(study, foreseen, found, part_of(progress, 0.7, 1.0), first))
 
 
 def pairs_with(hypotheses: Sequence[Hypothesis], first: Candidate) -> list[Hypothesis]:

@@ -37,12 +37,12 @@ from terramechanics.terrain.soil import Soil
 
 @dataclass(frozen=True, slots=True)
 class _Revision:
-    """What was found on revised constants of the soils, in gains over nothing on those told."""
+    """What was found on other soils, in gains over nothing on those told."""
 
     there: RevisedStudy
     found: Finding
-    alone: float  # [nat] constants alone, where they explained more than any effect; else 0
-    explains: float  # [nat] constants and what is named on them
+    alone: float  # [nat] the soils alone; 0 where constants were fitted beside an effect
+    explains: float  # [nat] the soils and what is named on them
 
     def closes(self, gains: Gains, thresholds: Thresholds) -> bool:
         """Return whether this closes nearly all that the best effect leaves, see is_pair."""
@@ -52,14 +52,14 @@ class _Revision:
 
     @property
     def finding(self) -> Finding:
-        """The finding with these constants as a part of it."""
+        """The finding with these soils as a part of it."""
         judgement = besides_soil(self.found, 0.0 if self.there.of_files else LEAST_BESIDE)
         return dataclasses.replace(self.found, soil=self.there, judgement=judgement)
 
     def weighed(self, told: Finding, thresholds: Thresholds) -> Finding:
         """Return this where it explains enough, else ``told``.
 
-        What the constants explain is there to be explained then, too.
+        What the soils explain is there to be explained then, too.
         """
         gains = told.gains
         if self.alone > (gains.single or gains.best):
