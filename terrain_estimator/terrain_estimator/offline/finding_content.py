@@ -18,6 +18,7 @@ from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.offline.effect_entries import effect_entries
 from terrain_estimator.offline.revised_soils import soils_content
 from terrain_estimator.pages.finding_words import doubt_note, soil_words, unseen_words
+from terrain_estimator.pages.number_format import words
 from terramechanics.effects import describe
 
 
@@ -111,9 +112,9 @@ def _verdict(finding: Finding, diagnosis: Diagnosis, proof: Proof | None) -> str
         for name, size, sd in finding.best.sizes
     )
     left = finding.left[0].column if finding.left else None
-    words = {
+    answers = {
         "none": "no missing effect shows in these runs",
-        "soil": "the soil constants differ from those of the soil file; nothing else is missing",
+        "soil": f"{_ground(finding)}; nothing else is missing",
         "named": f"named: {sizes}",
         "confusable": (
             f"confusable: {', '.join(labels)}. To separate: {diagnosis.separate_by(judgement)}"
@@ -123,4 +124,12 @@ def _verdict(finding: Finding, diagnosis: Diagnosis, proof: Proof | None) -> str
             + (f"; the {left.row} row depends on {left.signal}" if left else "")
         ),
     }
-    return words[judgement.verdict] + doubt_note(judgement.verdict, judgement.probabilities)
+    return answers[judgement.verdict] + doubt_note(judgement.verdict, judgement.probabilities)
+
+
+def _ground(finding: Finding) -> str:
+    """Return in words what the ground is where it is not as told."""
+    if finding.soil is not None and finding.soil.of_files:
+        names = dict.fromkeys(each.found.name for each in finding.soil.revisions)
+        return f"the ground is {words([*names])}"
+    return "the soil constants differ from those of the soil file"

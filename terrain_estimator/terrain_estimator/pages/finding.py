@@ -106,7 +106,8 @@ def effects_title(finding: Finding) -> str:
 
 
 def _asked(finding: Finding) -> dict[str, Any]:
-    told = {"rover": "", "soil": ""} | dict(finding.get("asked") or {})
+    unsaid = {"rover": "", "soil": "", "other_soils": []}
+    told = unsaid | dict(finding.get("asked") or {})
     searched = {"runs": finding["runs"], "held_out": finding["held_out"]}
     return told | searched | {"library": library(finding), "damaged": finding.get("damaged") or {}}
 

@@ -123,11 +123,11 @@ def _soil(finding: Mapping[str, Any]) -> tuple[str, Markup]:
     sure = probability(finding["probabilities"]["soil"])
     if all(each.get("fits") for each in soils):
         fitting = words([*dict.fromkeys(each["fits"] for each in soils)])
-        sentence = Markup(
-            "There nothing else is missing (probability {}): {}. Give this soil by --soil, and take"
+        text = Markup(
+            "{}. There nothing else is missing (probability {}). Give this soil by --soil, and take"
             " a model that has it."
         )
-        return f"The ground is {fitting}", sentence.format(sure, found)
+        return f"The ground is {fitting}", text.format(found[:1].upper() + found[1:], sure)
     sentence = Markup(
         "With these constants nothing else is missing (probability {}): {}. Measure the soil again,"
         " or use the soil file written beside this page."

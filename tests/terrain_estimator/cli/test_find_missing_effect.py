@@ -65,6 +65,7 @@ def test_a_drag_of_the_drives_is_named_with_its_size_and_written_to_a_file(
     assert finding["asked"] == {
         "rover": "mars_rover",
         "soil": "loose_sand",
+        "other_soils": ["compact_sand", "loose_sand", "regolith"],
         "seed": 0,
         "topics": {},
         "parameters": {},
@@ -78,12 +79,32 @@ def test_a_drag_of_the_drives_is_named_with_its_size_and_written_to_a_file(
     assert repr(effect["coefficient"]) in report
 
 
+def test_on_a_wrong_soil_the_file_of_the_right_one_is_found_and_its_model_extended(
+    bags: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--library", "drive_drag,slope_bias", "--soil", "regolith", "--out", str(tmp_path)]
+    assert main([*bags[:4], *options]) == 0
+    finding = json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))
+    assert [each["name"] for each in finding["effects"]] == ["drive_drag"]
+    (soil,) = finding["soils"]
+    assert (soil["soil"], soil["fits"], soil["file"]) == ("regolith", "loose_sand", None)
+    assert finding["soil_proof"]["holds"]
+    assert not (tmp_path / "soils").exists()
+    assert [each.name for each in load_model(str(tmp_path / "model.pt")).effects] == ["drive_drag"]
+    said = capsys.readouterr().out
+    assert "soil regolith (3 runs): the file of loose_sand fits better" in said
+    assert "the revised soils hold on held-out runs" in said
+    report = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "the file of loose_sand fits better" in report
+
+
 @pytest.mark.parametrize(
     ("extra", "said"),
     [
         (["--library", "gravity_waves"], "unknown effect 'gravity_waves'"),
         (["--library", "lateral_bulldozing"], "not testable here"),
         (["--soil", "cheese"], "cheese"),
+        (["--other-soils", "cheese"], "cheese"),
         (["--soil", "sunday=regolith"], "--soil sunday=regolith: 'sunday' is no run of this call"),
         (["--model", "nowhere.pt"], "nowhere.pt"),
         (
