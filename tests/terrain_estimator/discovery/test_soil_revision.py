@@ -42,10 +42,12 @@ STRENGTH = ((2500.0, 0.6), (1500.0, 0.7), (3500.0, 0.5))
 
 
 @cache
-def runs(payload_kg: float) -> tuple[Blocks, ...]:
+def runs(payload_kg: float, toward_told: float = 0.0) -> tuple[Blocks, ...]:
+    """Return drives on sand whose constants are by a share on the way to those of regolith."""
     generator = torch.Generator().manual_seed(20261125)
     strength = torch.tensor(STRENGTH, dtype=torch.float64)
-    ground = Ground([Patch(TRUE.constants(), strength)])
+    constants = TRUE.constants() * (TOLD.constants() / TRUE.constants()) ** toward_told
+    ground = Ground([Patch(constants, strength)])
     sizes = torch.full((3,), payload_kg, dtype=torch.float64)
     load = GENERATORS["payload"].make(Draw(sizes, torch.zeros(3, dtype=torch.long), sizes))
     plant = Plant([load]) if payload_kg else None
@@ -123,11 +125,27 @@ def test_the_file_of_the_right_soil_is_found_among_those_at_hand(
     assert (revision.told, revision.found, revision.runs) == (TOLD, TRUE, 2)
     assert revision.of_file
     assert not revision.is_new
-    assert finding.soil.price == pytest.approx(math.log(4.0))
+    assert finding.soil.price == pytest.approx(math.log(3.0))
     if payload_kg:
         assert finding.judgement.named[0].names == ("payload",)
         ((_, size, sd),) = finding.best.sizes
         assert abs(size - payload_kg) < 3.0 * sd
+
+
+def test_on_ground_between_two_files_no_effect_is_named_for_the_lack_of_a_third() -> None:
+    """The file of regolith, told, and that of sand both leave something that looks like effects."""
+    with torch.inference_mode():
+        between = Study(nominal_of(MARS, TOLD), runs(0.0, 0.4)[:2])
+        finding = investigate(
+            between,
+            singles(("exit_angle", "payload", "slope_bias", "sinkage_bias")),
+            read_thresholds(),
+            lambda _share, _label: None,
+            [TRUE, TOLD],
+        )
+    assert finding.judgement.verdict is Verdict.SOIL
+    assert finding.soil is not None
+    assert not finding.soil.of_files
 
 
 def test_a_file_of_another_law_or_that_fits_no_better_is_not_taken() -> None:
@@ -142,6 +160,19 @@ def test_a_file_of_another_law_or_that_fits_no_better_is_not_taken() -> None:
     assert [each.found for each in worse.revisions] == [TOLD]
 
 
+@pytest.mark.parametrize("right", [0, 1])
+def test_a_soil_told_rightly_stays_beside_one_told_wrongly(right: int) -> None:
+    """Both runs are on sand; that of number ``right`` is told so, the other to be on regolith."""
+    both = tuple(
+        dataclasses.replace(run, soil=TRUE if k == right else TOLD)
+        for k, run in enumerate(runs(0.0)[:2])
+    )
+    with torch.inference_mode():
+        there = on_other_soil(Study(nominal_of(MARS, TOLD), both), [TOLD, TRUE], 10.0)
+    assert there is not None
+    assert [(each.told, each.found) for each in there.revisions] == [(TOLD, TRUE)]
+
+
 def test_each_soil_as_told_is_taken_for_another_by_itself() -> None:
     """One of two runs is told to be on regolith, the other on compact sand; both are on sand."""
     compact = load_soil("compact_sand")
@@ -152,7 +183,7 @@ def test_each_soil_as_told_is_taken_for_another_by_itself() -> None:
     with torch.inference_mode():
         there = on_other_soil(Study(nominal_of(MARS, TOLD), both), [TOLD, compact, TRUE], 10.0)
     assert there is not None
-    assert [(each.told, each.found) for each in there.revisions] == [(TOLD, TRUE), (compact, TRUE)]
+    assert {(each.told, each.found) for each in there.revisions} == {(TOLD, TRUE), (compact, TRUE)}
 
 
 @pytest.mark.parametrize(("share", "verdict"), [(0.9, Verdict.UNKNOWN), (1.1, Verdict.NAMED)])

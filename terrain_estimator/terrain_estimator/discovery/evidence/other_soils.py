@@ -19,29 +19,36 @@ from terramechanics.terrain.soil import CONSTANTS, Soil
 def on_other_soil(told: Study, soils: Sequence[Soil], least: float) -> RevisedStudy | None:
     """Return the study on those of ``soils`` that explain the runs best.
 
-    The runs of one soil as told are moved to another after those of the soil before. What a soil
-    explains includes a discrepancy without a name: nothing else is known to be missing yet. None
-    where no soil explains ``least`` [nat] more than nothing on the soils as told.
+    What a soil explains includes a discrepancy without a name: nothing else is known to be missing
+    yet. Of several soils as told one is moved after the other, where that explains more. None where
+    no soil explains ``least`` [nat] more than nothing on the soils as told.
     """
+    own_soils = list(dict.fromkeys(told.soils))
     best: RevisedStudy | None = None
-    for own in dict.fromkeys(told.soils):
-        moved = best.study.nominal.revised if best else ()
-        tried = [
-            _moved(told, (*moved, (own, soil)), len(soils))
-            for soil in soils
-            if soil.law == own.law and not _alike(soil, own)
-        ]
-        candidates = [best, *tried] if best else tried
-        best = max(candidates, key=lambda each: each.gain(each.study.free, told), default=None)
-    return best if best and best.gain(best.study.free, told) >= least else None
+    most = told.gain(told.free) if len(own_soils) > 1 else -math.inf
+    for own in own_soils * len(own_soils):  # a move may gain only after that of a later soil
+        before = best
+        if before is not None and own in dict(before.study.nominal.revised):
+            continue
+        others = [soil for soil in soils if soil.law == own.law and not _alike(soil, own)]
+        for soil in others:
+            there = _moved(told, before, own, soil, math.log(1.0 + len(others)))
+            if (gain := there.gain(there.study.free, told)) > most:
+                best, most = there, gain
+    return best if most >= least else None
 
 
-def _moved(told: Study, moved: tuple[tuple[Soil, Soil], ...], soils: int) -> RevisedStudy:
-    """Return the study with the runs of some soils as told moved to others."""
-    nominal = dataclasses.replace(told.nominal, revised=moved)
-    study = Study(nominal, told.runs, told.mask, told.contributions)
-    revisions = tuple(_revision(told, own, soil) for own, soil in moved)
-    return RevisedStudy(study, revisions, len(moved) * math.log(1.0 + soils), study.nothing)
+def _moved(
+    told: Study, before: RevisedStudy | None, own: Soil, soil: Soil, price: float
+) -> RevisedStudy:
+    """Return the study with the runs of ``own`` on ``soil``, others as ``before``."""
+    moved = (*(before.study.nominal.revised if before else ()), (own, soil))
+    study = Study(
+        dataclasses.replace(told.nominal, revised=moved), told.runs, told.mask, told.contributions
+    )
+    revisions = tuple(_revision(told, first, second) for first, second in moved)
+    price += before.price if before else 0.0
+    return RevisedStudy(study, revisions, price, study.nothing)
 
 
 def _revision(told: Study, own: Soil, soil: Soil) -> Revision:

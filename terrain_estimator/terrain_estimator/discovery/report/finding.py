@@ -64,7 +64,8 @@ class Finding:
     @property
     def answer(self) -> Candidate:
         """The best name, or nothing where nothing is missing."""
-        return self.nothing if self.judgement.verdict is Verdict.NONE else self.best
+        nothing = self.judgement.verdict in (Verdict.NONE, Verdict.SOIL)
+        return self.nothing if nothing else self.best
 
     def candidate(self, hypothesis: Hypothesis) -> Candidate:
         """Return the fit of that hypothesis."""

@@ -27,6 +27,7 @@ from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.progress import ProgressCallback
 from terrain_estimator.discovery.report.finding import (
     Finding,
+    Singles,
     complete,
     explain_singly,
     pairs_with,
@@ -56,23 +57,11 @@ class _Revision:
         judgement = besides_soil(self.found, 0.0 if self.there.of_files else LEAST_BESIDE)
         return dataclasses.replace(self.found, soil=self.there, judgement=judgement)
 
-    def weighed(self, told: Finding, thresholds: Thresholds) -> Finding:
-        """Return this where it explains enough, else ``told``.
-
-        What the soils explain is there to be explained then, too.
-        """
-        gains = told.gains
+    def suffices(self, gains: Gains, thresholds: Thresholds) -> bool:
+        """Return whether this explains enough beside what a pair of effects explains."""
         if self.alone > (gains.single or gains.best):
-            enough = self.explains >= thresholds.share * max(gains.explainable, self.explains)
-        else:
-            enough = self.closes(gains, thresholds)
-        if enough and self.explains > gains.best:
-            return self.finding
-        gains = dataclasses.replace(gains, nothing_with=max(gains.nothing_with, self.explains))
-        judgement = judge(gains, thresholds)
-        chances = told.judgement.probabilities | judgement.probabilities
-        judgement = dataclasses.replace(judgement, probabilities=chances)
-        return dataclasses.replace(told, gains=gains, judgement=judgement)
+            return self.explains >= thresholds.share * gains.explainable
+        return self.closes(gains, thresholds)
 
 
 def investigate(
@@ -84,16 +73,18 @@ def investigate(
 ) -> Finding:
     """Search what is missing: effects, another soil, or both.
 
-    Other soils count like an effect and are tried where the best effect leaves something: those of
-    files at hand, ``soils``, then constants that are fitted, alone and beside the effect. They are
-    the answer where they close nearly all of that, with what is found on them and more than a pair
-    of effects promises. Else pairs are tried, and the soils are weighed again. A prior without
-    doubt of the constants leaves them.
+    Other soils count like an effect and are tried where the best effect leaves something, or where
+    constants alone explain more: those of files at hand, ``soils``, then constants that are fitted,
+    alone and beside the effect. On ground between two files an effect may look missing on either.
+    They are the answer where they close nearly all of what the best effect leaves, with what is
+    found on them and more than a pair of effects promises. Else pairs are tried, and the soils are
+    weighed again. A prior without doubt of the constants leaves them.
     """
     single = explain_singly(study, hypotheses, thresholds, part_of(progress, 0.0, 0.2))
-    if study.nominal.prior.constants_sd == 0.0 or single.left < thresholds.anything:
+    if not _is_in_doubt(study, single, thresholds):
         return complete(study, hypotheses, thresholds, single, part_of(progress, 0.2, 1.0))
-    tried: list[_Revision] = []
+    promised: float | None = None  # by a pair
+    tried, answers = list[_Revision](), list[_Revision]()
     for revise in (
         partial(_on_file, soils=soils, progress=part_of(progress, 0.2, 0.4)),
         partial(_on_constants, progress=part_of(progress, 0.4, 0.6)),
@@ -102,21 +93,74 @@ def investigate(
         if revision is None:
             continue
         tried.append(revision)
-        if revision.closes(single.gains, thresholds) and (
-            revision.found.judgement.verdict is Verdict.NONE
-            or revision.explains > _foreseen_pair(study, hypotheses, single.found[0])
-        ):
-            return revision.finding
+        if not revision.closes(single.gains, thresholds):
+            continue
+        if revision.found.judgement.verdict is Verdict.NONE:
+            answers.append(revision)
+            break
+        if promised is None:
+            promised = _foreseen_pair(study, hypotheses, single.found[0])
+        if revision.explains > promised:
+            answers.append(revision)
+    if answers:
+        return _preferred(answers, thresholds).finding
     told = complete(study, hypotheses, thresholds, single, part_of(progress, 0.6, 0.8))
     first = next(each for each in told.candidates if len(each.hypothesis.effects) == 1)
     alone = any(each.alone > (told.gains.single or told.gains.best) for each in tried)
-    if not alone and first.hypothesis != single.found[0].hypothesis:
+    left = told.gains.explainable - (told.gains.single or told.gains.best)
+    if left >= thresholds.anything and not alone and first.hypothesis != single.found[0].hypothesis:
         last = part_of(progress, 0.8, 1.0)
         again = _on_constants(study, hypotheses, thresholds, first, told.gains, progress=last)
         tried += [again] if again else []
+    return _weighed(told, tried, thresholds)
+
+
+def _is_in_doubt(study: Study, single: Singles, thresholds: Thresholds) -> bool:
+    """Return whether the soils may be others than told.
+
+    That is where the best effect leaves something, or constants near those of the files explain
+    more than it: an effect that acts like another soil explains one, too.
+    """
+    if study.nominal.prior.constants_sd == 0.0 or single.gains.explainable < thresholds.anything:
+        return False
+    if single.left >= thresholds.anything:
+        return True
+    near = revised(study, study.nothing)
+    return near is not None and (
+        near.gain(near.beside, study) - single.gains.best >= thresholds.anything
+    )
+
+
+def _preferred(answers: Sequence[_Revision], thresholds: Thresholds) -> _Revision:
+    """Return the answer that explains most: a later one where that is clearly more.
+
+    One that is unknown is the answer where every one is.
+    """
+    known = [each for each in answers if each.finding.judgement.verdict is not Verdict.UNKNOWN]
+    first, *others = known or answers
+    for each in others:
+        if each.explains - first.explains >= thresholds.anything:
+            first = each
+    return first
+
+
+def _weighed(told: Finding, tried: Sequence[_Revision], thresholds: Thresholds) -> Finding:
+    """Return the finding on the other soils that explains most and enough, else ``told``.
+
+    What the soils explain is there to be explained on those told, too.
+    """
+    best = told.gains.best
+    most = max((each.explains for each in tried), default=0.0)
+    gains = dataclasses.replace(told.gains, nothing_with=max(told.gains.nothing_with, most))
+    for each in sorted(tried, key=lambda each: -each.explains):
+        if each.explains > best and each.suffices(gains, thresholds):
+            return each.finding
     if not tried:
         return told
-    return max(tried, key=lambda each: each.explains).weighed(told, thresholds)
+    judgement = judge(gains, thresholds)
+    chances = told.judgement.probabilities | judgement.probabilities
+    judgement = dataclasses.replace(judgement, probabilities=chances)
+    return dataclasses.replace(told, gains=gains, judgement=judgement)
 
 
 def _on_file(
@@ -181,11 +225,11 @@ def _promising(
     """
     name = gains.single or gains.best
     left = gains.explainable - name
-    if left < thresholds.anything:
-        return None
     alone = revised_alone(study, thresholds.share * gains.explainable)
     if alone is not None and alone.gain(alone.beside, study) > name:
         return alone
+    if left < thresholds.anything:
+        return None
     there = revised(study, first)
     least = max(thresholds.anything, PROMISING * left)
     if there is None or there.gain(there.beside, study) - name < least:
