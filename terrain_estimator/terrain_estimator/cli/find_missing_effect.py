@@ -3,7 +3,7 @@
 """find_missing_effect RUN...: find the physical effect that the model of rover and soil lacks.
 
 Writes OUT/finding.json and OUT/report.html and, where it names an effect, OUT/model.pt, a model
-that estimates it. Where the soil files do not fit, OUT/soils has the constants that do. Exit codes:
+that estimates it. Where no soil file fits, OUT/soils has the constants that do. Exit codes:
 0 for any verdict, 2 for a bad argument or too few readable runs.
 For single-wheel measurements see find_missing_effect --wheel-table FILE.csv --help.
 """
@@ -286,11 +286,12 @@ def _given_runs(options: argparse.Namespace) -> list[Path]:
 
 def _refuse_soils_of_the_results(soils: RunSoils, out: Path) -> None:
     """Raise InputError where a soil file lies among the results, which are replaced."""
-    for name in soils.names.values():
+    given = [("--soil", name) for name in soils.names.values()]
+    for option, name in [*given, *(("--other-soils", name) for name in soils.others)]:
         if (out / SOILS).resolve() in Path(name).resolve().parents:
             raise InputError(
-                f"--soil {name}: it is a result of {out}, which this search replaces: give another"
-                " --out, or copy the file"
+                f"{option} {name}: it is a result of {out}, which this search replaces: give"
+                " another --out, or copy the file"
             )
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from rover_parameters.records import ConfigError
+from terrain_estimator.discovery.evidence.other_soils import alike
 from terrain_estimator.discovery.evidence.soil_revision import RevisedStudy
 from terrain_estimator.discovery.evidence.verdict import Verdict
 from terrain_estimator.discovery.report.finding import Finding
@@ -71,15 +72,15 @@ def write_model(finding: Finding, rover: Rover, model: str, path: Path, new: Pat
         return f"no model is written: {path} is the model to extend; give another --out"
     if finding.judgement.verdict is not Verdict.NAMED:
         return "no model is written: no effect is named"
-    if finding.soil is not None and not _has_soils(model, finding.soil):
-        return (
-            "no model is written: the soil constants differ from those of the model; train one with"
-            f" --soil and {_file_of(finding.soil)}, then add the effect by add_effect"
-        )
     if not model:
         return (
             f"no model is written: none of the installed ones ({', '.join(model_names())}) is for"
             f" rover {rover.name}; train one and give it by --model"
+        )
+    if finding.soil is not None and not _has_soils(model, finding.soil):
+        return (
+            "no model is written: the soil constants differ from those of the model; train one with"
+            f" --soil and {_file_of(finding.soil)}, then add the effect by add_effect"
         )
     try:
         known = load_model(model)
@@ -96,13 +97,13 @@ def write_model(finding: Finding, rover: Rover, model: str, path: Path, new: Pat
 
 
 def _has_soils(model: str, found: RevisedStudy) -> bool:
-    """Return whether a model has the soils on which the runs are."""
-    known = _metadata(model).soils if model else ()
-    return all(each.found in known for each in found.revisions)
+    """Return whether a model has the soils on which the runs are, whatever their names."""
+    known = _metadata(model).soils
+    return all(any(alike(each.found, soil) for soil in known) for each in found.revisions)
 
 
 def _file_of(found: RevisedStudy) -> str:
     """Return in words which soil file holds."""
     if found.of_files:
-        return " and ".join(each.found.name for each in found.revisions)
+        return " and ".join(dict.fromkeys(each.found.name for each in found.revisions))
     return "the soil file above"

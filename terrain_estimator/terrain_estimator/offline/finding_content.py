@@ -10,15 +10,18 @@ from typing import Any
 from terrain_estimator.discovery.evidence.verdict import Verdict
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.proof.gap import Gap
-from terrain_estimator.discovery.proof.proof import Proof
 from terrain_estimator.discovery.proof.soil_proof import Proven
 from terrain_estimator.discovery.report.diagnosis import Diagnosis
 from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.offline.effect_entries import effect_entries
 from terrain_estimator.offline.revised_soils import soils_content
-from terrain_estimator.pages.finding_words import doubt_note, soil_words, unseen_words
-from terrain_estimator.pages.number_format import words
+from terrain_estimator.pages.finding_words import (
+    doubt_note,
+    ground_words,
+    soil_words,
+    unseen_words,
+)
 from terramechanics.effects import describe
 
 
@@ -94,7 +97,7 @@ def finding_sentence(outcome: Proven, diagnosis: Diagnosis) -> str:
     """Return the verdict in words, and the result on the held-out runs."""
     unproven = "no run is held out: the finding is unproven, give a third run or --hold-out"
     lines = [
-        _verdict(outcome.finding, diagnosis, outcome.proof),
+        _verdict(outcome, diagnosis),
         *map(soil_words, soils_content(outcome)),
         outcome.proof.sentence if outcome.proof else unproven,
         outcome.soil_sentence,
@@ -102,7 +105,8 @@ def finding_sentence(outcome: Proven, diagnosis: Diagnosis) -> str:
     return "\n".join(filter(None, lines))
 
 
-def _verdict(finding: Finding, diagnosis: Diagnosis, proof: Proof | None) -> str:
+def _verdict(outcome: Proven, diagnosis: Diagnosis) -> str:
+    finding, proof = outcome.finding, outcome.proof
     judgement = finding.judgement
     if judgement.verdict is Verdict.UNKNOWN and not judgement.named and proof:
         return unseen_words(proof.gap.before, proof.gap.noise_floor)
@@ -112,9 +116,11 @@ def _verdict(finding: Finding, diagnosis: Diagnosis, proof: Proof | None) -> str
         for name, size, sd in finding.best.sizes
     )
     left = finding.left[0].column if finding.left else None
+    ground = ground_words(soils_content(outcome), len(finding.nothing.fit.point.runs))
+    constants = "the soil constants differ from those of the soil file"
     answers = {
         "none": "no missing effect shows in these runs",
-        "soil": f"{_ground(finding)}; nothing else is missing",
+        "soil": f"{ground or constants}; nothing else is missing",
         "named": f"named: {sizes}",
         "confusable": (
             f"confusable: {', '.join(labels)}. To separate: {diagnosis.separate_by(judgement)}"
@@ -125,11 +131,3 @@ def _verdict(finding: Finding, diagnosis: Diagnosis, proof: Proof | None) -> str
         ),
     }
     return answers[judgement.verdict] + doubt_note(judgement.verdict, judgement.probabilities)
-
-
-def _ground(finding: Finding) -> str:
-    """Return in words what the ground is where it is not as told."""
-    if finding.soil is not None and finding.soil.of_files:
-        names = dict.fromkeys(each.found.name for each in finding.soil.revisions)
-        return f"the ground is {words([*names])}"
-    return "the soil constants differ from those of the soil file"

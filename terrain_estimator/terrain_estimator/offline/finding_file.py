@@ -96,11 +96,15 @@ def provenance(rover: Rover, soils: RunSoils) -> dict[str, Any]:
 
 
 def soil_sums(soils: RunSoils) -> dict[str, str]:
-    """Return the SHA-256 of a single soil, or of each one by its name."""
+    """Return the SHA-256 of a single soil as told, or of each one by its name, and of others."""
     sums = {name: _of_record(soils.soils[run]) for run, name in soils.names.items()}
+    told = set(soils.soils.values())
+    others = {
+        f"other soil {soil.name}": _of_record(soil) for soil in soils.at_hand if soil not in told
+    }
     if len(sums) == 1:
-        return {"soil": next(iter(sums.values()))}
-    return {f"soil {name}": value for name, value in sums.items()}
+        return {"soil": next(iter(sums.values()))} | others
+    return {f"soil {name}": value for name, value in sums.items()} | others
 
 
 def _of_record(record: Rover | Soil) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rover_parameters.records import ConfigError, nearest
 from terrain_estimator.bags import bag_name
-from terramechanics.presets import load_soil
+from terramechanics.presets import load_soil, soil_names
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 
@@ -69,10 +69,20 @@ def run_soils(
 
 
 def _at_hand(told: Sequence[Soil], others: Sequence[str], rover: Rover) -> tuple[Soil, ...]:
-    """Return the soils told and others that carry the rover's wheels, each once."""
-    found = map(load_soil, others)
-    carrying = [soil for soil in found if soil.k_c / rover.wheel_width + soil.k_phi > 0.0]
-    return tuple(dict.fromkeys([*told, *carrying]))
+    """Return the soils told and others, each once.
+
+    A preset is left out where a soil of another file has its name. Raises ConfigError where the
+    soils of two files have one name, by which an answer could not tell them apart.
+    """
+    found = {soil.name: soil for soil in told}
+    for name in others:
+        soil = load_soil(name).for_wheel(rover.wheel_width)
+        if found.setdefault(soil.name, soil) != soil and name not in soil_names():
+            raise ConfigError(
+                f"--other-soils {name}: another soil here is called {soil.name!r}, too: give one of"
+                " them another name in its file"
+            )
+    return tuple(dict.fromkeys([*told, *found.values()]))
 
 
 def _run_of(name: str, text: str, runs: Sequence[Path]) -> Path:

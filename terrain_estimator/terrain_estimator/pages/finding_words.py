@@ -46,7 +46,7 @@ def verdict(finding: Mapping[str, Any]) -> Headline:
         sentence = first + Markup(" ") + sentence
     if name != "soil" and (soils := finding.get("soils")):
         before = (
-            "Other soil constants fit the searched runs, and did not hold on held-out runs"
+            "Another soil fits the searched runs, and did not hold on held-out runs"
             if soil_refuted(finding)
             else "The soil file does not fit, either"
         )
@@ -85,7 +85,7 @@ def what_it_is(name: str) -> str:
     """Describe the physics of a candidate; several effects get one sentence each."""
     special = {
         "none": "Nothing is missing.",
-        "soil": "The soil's constants differ from those of its file, and nothing else is missing.",
+        "soil": "The soil is another than its file says, and nothing else is missing.",
         "unknown": "Something is missing that is not among the considered effects.",
     }
     return special.get(name) or " ".join(
@@ -121,23 +121,37 @@ def _soil(finding: Mapping[str, Any]) -> tuple[str, Markup]:
     soils = finding["soils"]
     found = "; ".join(map(soil_words, soils)).replace("+-", "±")
     sure = probability(finding["probabilities"]["soil"])
-    if all(each.get("fits") for each in soils):
-        fitting = words([*dict.fromkeys(each["fits"] for each in soils)])
+    ground = ground_words(soils, len(finding["runs"]))
+    if ground:
         text = Markup(
             "{}. There nothing else is missing (probability {}). Give this soil by --soil, and take"
             " a model that has it."
         )
-        return f"The ground is {fitting}", text.format(found[:1].upper() + found[1:], sure)
-    sentence = Markup(
+        return _capital(ground), text.format(_capital(found), sure)
+    text = Markup(
         "With these constants nothing else is missing (probability {}): {}. Measure the soil again,"
         " or use the soil file written beside this page."
     )
-    return "The soil differs from its file", sentence.format(sure, found)
+    return "The soil differs from its file", text.format(sure, found)
+
+
+def ground_words(soils: Sequence[Mapping[str, Any]], runs: int) -> str:
+    """Return in words on which soils of other files ``runs`` runs are; empty for no such soils."""
+    if not all(each.get("fits") for each in soils):
+        return ""
+    names = list(dict.fromkeys(each["fits"] for each in soils))
+    if len(names) == 1 and sum(each["runs"] for each in soils) == runs:
+        return f"the ground is {names[0]}"
+    return words([f"runs told to be on {each['soil']} are on {each['fits']}" for each in soils])
 
 
 def sentence(text: str) -> str:
     """Return ``text`` with a capital letter and a full stop; empty for an empty one."""
-    return f"{text[:1].upper()}{text[1:]}." if text else ""
+    return f"{_capital(text)}." if text else ""
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def soil_words(revision: Mapping[str, Any]) -> str:

@@ -148,15 +148,30 @@ def test_every_run_has_its_soil_or_that_of_all_others() -> None:
 
 
 def test_soils_at_hand_are_those_told_and_others_that_carry_the_wheels(tmp_path: Path) -> None:
-    soft = tmp_path / "soft.yaml"
-    told = load_soil("loose_sand")
-    values = dataclasses.asdict(told) | {"k_c": -told.k_phi, "name": "soft"}
-    soft.write_text(yaml.safe_dump(values))
-    others = ["regolith", str(soft), "loose_sand"]
-    found = run_soils([], [Path("monday"), Path("tuesday")], ROVER, others)
-    assert [soil.name for soil in found.at_hand] == ["loose_sand", "regolith"]
-    with pytest.raises(ConfigError, match="cheese"):
-        run_soils([], [Path("monday")], ROVER, ["cheese"])
+    told = dataclasses.asdict(load_soil("loose_sand"))
+
+    def file(stem: str, **values: object) -> str:
+        path = tmp_path / f"{stem}.yaml"
+        path.write_text(yaml.safe_dump(told | values))
+        return str(path)
+
+    runs = [Path("monday"), Path("tuesday")]
+    dust = file("dust", name="dust", n=0.9)
+    found = run_soils([], runs, ROVER, ["regolith", dust, "loose_sand"])
+    assert [soil.name for soil in found.at_hand] == ["loose_sand", "regolith", "dust"]
+    assert set(soil_sums(found)) == {"soil", "other soil regolith", "other soil dust"}
+    mine = run_soils([file("mine", n=0.8)], runs, ROVER, ["regolith", "loose_sand"])
+    assert [(soil.name, soil.n) for soil in mine.at_hand] == [
+        ("loose_sand", 0.8),
+        ("regolith", 1.0),
+    ]
+    for other, words in (
+        ("cheese", "cheese"),
+        (file("soft", name="soft", k_c=-told["k_phi"]), "the soil would carry nothing"),
+        (file("copy", n=0.7), "another soil here is called 'loose_sand', too"),
+    ):
+        with pytest.raises(ConfigError, match=words):
+            run_soils([], runs, ROVER, [other])
 
 
 @pytest.mark.parametrize(

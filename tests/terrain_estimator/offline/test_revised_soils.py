@@ -16,9 +16,10 @@ from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
 from terrain_estimator.discovery.proof.proof import LIKELIER
 from terrain_estimator.discovery.proof.soil_proof import Proven, SoilProof
 from terrain_estimator.discovery.report.finding import Finding
+from terrain_estimator.learning.finding_model import _file_of, _has_soils
 from terrain_estimator.offline.revised_soils import soils_content, write_soils
 from terrain_estimator.offline.run_soils import RunSoils
-from terrain_estimator.pages.finding_words import soil_words, verdict
+from terrain_estimator.pages.finding_words import ground_words, soil_words, verdict
 from terramechanics.presets import load_soil
 from tests.terrain_estimator.pages.findings import finding as content_of
 
@@ -92,9 +93,26 @@ def test_a_soil_whose_runs_another_file_fits_has_no_new_file(tmp_path: Path) -> 
     content = soils_content(found)
     assert [(each["file"], each["fits"]) for each in content] == [(None, "regolith")] * 2
     assert soil_words(content[0]) == "soil sand (2 runs): the file of regolith fits better"
-    page = verdict(content_of("soil") | {"soils": content, "probabilities": {"soil": 1.0}})
+    told = {"soils": content, "probabilities": {"soil": 1.0}, "runs": ["1", "2", "3", "4"]}
+    page = verdict(content_of("soil") | told)
     assert page.headline == "The ground is regolith"
     assert "the file of regolith fits better" in page.sentence
+    assert ground_words(content, 4) == "the ground is regolith"
+    assert ground_words(content, 6) == (
+        "runs told to be on sand are on regolith and runs told to be on dune are on regolith"
+    )
+    assert ground_words(soils_content(both), 4) == ""
+    assert _file_of(found.finding.soil) == "regolith"  # type: ignore[arg-type]
+    assert _file_of(both.finding.soil) == "the soil file above"
+
+
+@pytest.mark.parametrize(("change", "has"), [({"name": "mine"}, True), ({"n": 0.9}, False)])
+def test_a_model_has_a_soil_whatever_its_name(change: dict[str, Any], *, has: bool) -> None:
+    soil = replace(load_soil("regolith"), cohesion=600.0, **change)
+    nothing: Any = None
+    revision = Revision(SAND, soil, 2, {"n": 0.01}, of_file=True)
+    study = RevisedStudy(nothing, (revision,), 0.0, nothing)
+    assert _has_soils("mars_rover", study) is has
 
 
 def test_constants_that_held_out_runs_refute_have_no_file(tmp_path: Path) -> None:
@@ -112,7 +130,7 @@ def test_constants_that_held_out_runs_refute_have_no_file(tmp_path: Path) -> Non
 
 def test_without_a_held_out_run_on_a_revised_soil_its_constants_are_unproven() -> None:
     assert outcome("sand", proof=object()).soil_sentence == (
-        "no held-out run is on soil sand: the revised constants are unproven"
+        "no held-out run is on soil sand: the revised soil is unproven"
     )
     assert not outcome("sand", proof=object()).soil_refuted
     assert outcome("sand").soil_sentence == ""
@@ -125,8 +143,11 @@ def test_a_soil_file_among_the_results_is_refused_before_they_are_replaced(
     (place,) = write_soils(outcome("sand"), _made(out))
     file = out / place
     told = RunSoils({Path("a"): str(file)}, {Path("a"): SAND})
-    with pytest.raises(InputError, match=r"it is a result of .*: give another --out, or copy"):
+    with pytest.raises(InputError, match=r"^--soil .* a result of .*: give another --out, or copy"):
         refuse_results(told, out)
+    other = RunSoils({Path("a"): "loose_sand"}, {Path("a"): SAND}, (str(file),))
+    with pytest.raises(InputError, match=r"^--other-soils .*: it is a result of"):
+        refuse_results(other, out)
     refuse_results(told, tmp_path / "other")
     runs = [str(tmp_path / name) for name in ("a", "b")]
     assert main([*runs, "--soil", str(file), "--out", str(out)]) == 2

@@ -30,7 +30,7 @@ def on_other_soil(told: Study, soils: Sequence[Soil], least: float) -> RevisedSt
         before = best
         if before is not None and own in dict(before.study.nominal.revised):
             continue
-        others = [soil for soil in soils if soil.law == own.law and not _alike(soil, own)]
+        others = [soil for soil in soils if soil.law == own.law and not alike(soil, own)]
         for soil in others:
             there = _moved(told, before, own, soil, math.log(1.0 + len(others)))
             if (gain := there.gain(there.study.free, told)) > most:
@@ -63,6 +63,8 @@ def _revision(told: Study, own: Soil, soil: Soil) -> Revision:
     return Revision(own, soil, runs, sd, of_file=True)
 
 
-def _alike(one: Soil, other: Soil) -> bool:
-    """Return whether two soils have the same constants."""
-    return all(getattr(one, name) == getattr(other, name) for name in CONSTANTS)
+def alike(one: Soil, other: Soil) -> bool:
+    """Return whether two soils have one law and the same constants, whatever their names."""
+    return one.law == other.law and all(
+        getattr(one, name) == getattr(other, name) for name in CONSTANTS
+    )

@@ -37,7 +37,7 @@ class Verdict(StrEnum):
     """The kind of answer that the runs allow."""
 
     NONE = "none"
-    SOIL = "soil"  # the soil's constants differ from those of its file, and nothing else is missing
+    SOIL = "soil"  # the soil is another than its file says, and nothing else is missing
     NAMED = "named"
     CONFUSABLE = "confusable"
     UNKNOWN = "unknown"

@@ -99,7 +99,7 @@ class Proven:
         if self.soil is not None:
             return self.soil.sentence
         names = " or ".join(each.told.name for each in self.finding.soil.revisions)
-        return f"no held-out run is on soil {names}: the revised constants are unproven"
+        return f"no held-out run is on soil {names}: the revised soil is unproven"
 
 
 def proven(

@@ -238,7 +238,11 @@ def _promising(
 
 
 PROMISING = 0.5
-"""[1] Share of what the best name leaves that revised constants explain beside it at least."""
+"""[1] Share that another soil explains at least.
+
+Of what the best name leaves, for constants that are fitted beside it; of all that can be explained
+on the soils as told, for another file with a discrepancy on top.
+"""
 
 
 def _on_revised(
