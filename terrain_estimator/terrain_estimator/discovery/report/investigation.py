@@ -132,14 +132,15 @@ def _is_in_doubt(study: Study, single: Singles, thresholds: Thresholds) -> bool:
 
 
 def _preferred(answers: Sequence[_Revision], thresholds: Thresholds) -> _Revision:
-    """Return the answer that explains most: a later one where that is clearly more.
+    """Return the first answer; a later one where nothing else is missing and it explains more.
 
-    One that is unknown is the answer where every one is.
+    With an effect beside them constants that are fitted explain more than the right file, too, as
+    they take up what the effect's law misses.
     """
-    known = [each for each in answers if each.finding.judgement.verdict is not Verdict.UNKNOWN]
-    first, *others = known or answers
+    first, *others = answers
     for each in others:
-        if each.explains - first.explains >= thresholds.anything:
+        alone = each.found.judgement.verdict is Verdict.NONE
+        if alone and each.explains - first.explains >= thresholds.anything:
             first = each
     return first
 
