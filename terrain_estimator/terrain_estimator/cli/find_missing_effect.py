@@ -119,14 +119,11 @@ def search(options: argparse.Namespace) -> int:
 
         def identity() -> dict[str, Any]:
             given = {"library": options.library, "take_damaged": options.take_damaged}
-            doubt = {
-                "prior": dataclasses.asdict(prior),
-                "at_hand": [*map(dataclasses.asdict, soils.at_hand)],
-            }
+            prior_told = {"prior": dataclasses.asdict(prior)}
             places = {"runs": [*map(_full, runs)], "hold_out": [*map(_full, held_out)]}
             inputs = provenance(nominal.rover, soils) | {"code_sha256": code_sha256()}
             bags = contents_of([*runs, *held_out])
-            return told_asked | given | doubt | places | inputs | bags
+            return told_asked | given | prior_told | places | inputs | bags
 
         with (
             _place(options, results, len(runs), identity) as (place, pieces),
