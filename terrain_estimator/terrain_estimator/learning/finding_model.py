@@ -79,8 +79,8 @@ def write_model(finding: Finding, rover: Rover, model: str, path: Path, new: Pat
         )
     if finding.soil is not None and not _has_soils(model, finding.soil):
         return (
-            "no model is written: the soil constants differ from those of the model; train one with"
-            f" --soil and {_file_of(finding.soil)}, then add the effect by add_effect"
+            "no model is written: the soil constants differ from those of the model; train one by"
+            f" --soil for {_file_of(finding.soil)}, then add the effect by add_effect"
         )
     try:
         known = load_model(model)
