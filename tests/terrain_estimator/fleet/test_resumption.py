@@ -5,10 +5,12 @@
 Nothing that was finished is replayed again.
 """
 
+import shutil
 import signal
 import sqlite3
 import subprocess
 from collections import Counter
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -67,6 +69,24 @@ def finished(out: Path) -> set[str]:
         )}  # fmt: skip
 
 
+def stored(out: Path, scratch: Path) -> set[str]:
+    """Return the names of the bags whose results a running client has on the disk.
+
+    The client has its journal to itself, so a copy is read: what a kill would leave.
+    """
+    copy = scratch / "copy"
+    copy.mkdir(exist_ok=True)
+    for name in ("journal.sqlite", "journal.sqlite-wal"):
+        if not (out / name).exists():
+            return set()
+        shutil.copyfile(out / name, copy / name)
+    (copy / "journal.sqlite-shm").unlink(missing_ok=True)
+    try:
+        return finished(copy)
+    except sqlite3.DatabaseError:  # its tables are not there yet, or the copy is torn
+        return set()
+
+
 def test_kills_of_client_worker_and_scheduler_cost_only_what_was_under_way(tmp_path: Path) -> None:
     write_bags(tmp_path / "bags", BAGS)
     out = tmp_path / "out"
@@ -78,24 +98,28 @@ def test_kills_of_client_worker_and_scheduler_cost_only_what_was_under_way(tmp_p
             command = ("replay", tmp_path / "bags", "--scheduler", cluster.address, "--out", out)
             return processes.start("terrain_estimator.cli.fleet", *command)
 
-        def wait_for_results(count: int) -> None:
-            def replayed() -> bool:
+        def wait_for_results(count: int, ended: Callable[[], int]) -> None:
+            def happened() -> bool:
                 assert client.poll() is None, client.communicate()[0]
-                return cluster.count("end").total() >= count
+                return ended() >= count
 
-            wait_for(replayed, f"replay of {count} bags")
+            wait_for(happened, f"replay of {count} bags")
+
+        def replayed() -> int:
+            return cluster.count("end").total()
 
         client = start_client()
-        wait_for_results(FEW)
+        # a worker has ended a bag some time before the client has its result
+        wait_for_results(FEW, lambda: len(stored(out, tmp_path)))
         kill(client)
         known = finished(out)
         assert known
         before = cluster.count("begin")
 
         client = start_client()
-        wait_for_results(2 * FEW + 1)
+        wait_for_results(2 * FEW + 1, replayed)
         kill(workers[0])
-        wait_for_results(3 * FEW + 1)
+        wait_for_results(3 * FEW + 1, replayed)
         cluster.scheduler.send_signal(signal.SIGKILL)
         assert client.wait(PATIENCE_S) == 2
         assert client.stdout is not None
