@@ -32,8 +32,8 @@ from terramechanics.simulation.simulation import STUCK_TIME
 from terramechanics.simulation.spatial import BodySample, BodySimulation, Plane
 from terramechanics.terrain.soil import WONG_REECE
 from terramechanics.vehicle.chassis import Chassis
-from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import TerrainError
+from terramechanics.vehicle.wheel_places import box_inertia
 
 LATERAL_SD, YAW_RATE_SD = 0.005, 0.003
 """[m/s], [rad/s] Deviations of the lateral velocity and of the gyroscope."""
@@ -50,7 +50,9 @@ class TurningRun:
         _check(config)
         self.rover, self.config = load_rover(config.rover), config
         track = track_width_of(self.rover, config.track_width)
-        chassis = Chassis.of(self.rover, track, config.yaw_inertia or _inertia(self.rover, track))
+        chassis = Chassis.of(
+            self.rover, track, config.yaw_inertia or box_inertia(self.rover, track)
+        )
         soil = load_soil(config.soil).with_values(**config.soil_overrides.given())
         if soil.law != WONG_REECE:
             raise ConfigError(
@@ -257,12 +259,6 @@ def _check(config: SimulatorConfig) -> None:
 def _ground_force(sample: Sample, lateral: Tensor) -> Tensor:
     """Return the forces [wheels, 4] of the ground, as SimulatedReading has them."""
     return torch.stack([sample.normal, sample.traction, sample.contact_angle, lateral], -1)[0]
-
-
-def _inertia(rover: Rover, track: float) -> float:
-    """Return the yaw inertia [kg m^2] of the mass spread evenly between the wheels."""
-    length = rover.axle_x[0] - rover.axle_x[-1]
-    return rover.mass * (length**2 + track**2) / 12.0
 
 
 def _stated(factor: float, deviation: float) -> float:

@@ -1,0 +1,65 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What single wheels need beside a rover file: their places across, and what steers them.
+
+The planar rover lets one wheel stand for those of an axle. Here every wheel is one of its own.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+from rover_parameters.records import ConfigError, entry, number
+from terramechanics.description.layout import wheel_sides
+from terramechanics.vehicle.rover import Rover
+
+STEEPEST_STEERING = 1.0
+"""[rad] The motion across of a wheel steered further is badly known."""
+
+
+@dataclass(frozen=True, slots=True)
+class WheelPlaces:
+    """What single wheels need beside the rover file."""
+
+    track_width: float = number("distance of left and right wheels", "m", 0.0, exclusive=True)
+    yaw_inertia: float = number(
+        "moment of inertia of the rover about the vertical", "kg m^2", 0.0, exclusive=True
+    )
+    steered: tuple[str, ...] = entry("names of the wheels that a joint NAME_steering turns", ())
+
+    @classmethod
+    def of(cls, rover: Rover, track_width: float, steered: tuple[str, ...] = ()) -> "WheelPlaces":
+        """Return the places of a rover whose mass is that of a box over its wheels.
+
+        Raises ConfigError where a name is no wheel of the rover, or the wheels have no room.
+        """
+        places = cls(track_width, box_inertia(rover, track_width), steered)
+        places.check(rover)
+        return places
+
+    def check(self, rover: Rover) -> None:
+        """Raise ConfigError where these are not the places of that rover's wheels."""
+        if unknown := [name for name in self.steered if name not in rover.wheel_names]:
+            raise ConfigError(
+                f"steered: {', '.join(unknown)}: {rover.name} has the wheels"
+                f" {', '.join(rover.wheel_names)}"
+            )
+        ordered = sorted(wheel_sides(rover, self.track_width))
+        if any(right + rover.wheel_width > left for right, left in pairwise(sorted(set(ordered)))):
+            raise ConfigError(
+                f"track_width {self.track_width:g} m has no room for wheels of"
+                f" {rover.wheel_width:g} m: give the distance between the middles of left and right"
+            )
+
+
+def wheel_order(rover: Rover) -> tuple[int, ...]:
+    """Return the wheels' numbers in the rover file, front to rear, and left before right."""
+    wheels = rover.wheels
+    return tuple(
+        sorted(range(len(wheels)), key=lambda k: (wheels[k].axle, wheels[k].side != "left", k))
+    )
+
+
+def box_inertia(rover: Rover, track_width: float) -> float:
+    """Return the yaw inertia [kg m^2] of the mass spread evenly between the wheels."""
+    length = rover.axle_x[0] - rover.axle_x[-1]
+    return rover.mass * (length**2 + track_width**2) / 12.0
