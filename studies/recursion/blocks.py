@@ -11,6 +11,7 @@ from studies.recursion.forces import ForceTable
 from studies.recursion.lift import BODY, LIFTED
 from terrain_estimator.model.block import fixed_columns, row_weights, velocity_twice
 from terrain_estimator.model.packing import PackedView
+from terrain_estimator.model.row_names import row_names
 from terrain_estimator.model.rows import ContactModel, frame_of
 
 
@@ -43,7 +44,8 @@ class BlockMaker:
         """Take the contact model at the nominal constants and the constants' prior deviations."""
         axle_x = contact.geometry.axle_x
         self._contact, self._table = contact, ForceTable(contact, deviations)
-        self._fixed = fixed_columns(axle_x.shape[0], float(axle_x[0] - axle_x[-1]))[:, :BODY]
+        rows = row_names(axle_x.shape[0])
+        self._fixed = fixed_columns(rows, float(axle_x[0] - axle_x[-1]))[:, :BODY]
         self._link_variance = link_variance
 
     def rows(self, packed: Tensor, counts: Tensor) -> LiftedRows:

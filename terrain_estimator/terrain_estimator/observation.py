@@ -19,7 +19,8 @@ class Observation:
     value before it. NaN means "not measured". Velocity and pitch are required, and slip and
     contact angle of every axle; so is sinkage, unless every torque and the bogie's angle are there.
     Torque, acceleration and the bogie's angle are optional. Roll, lateral velocity and yaw rate
-    tell whether the rover is planar at all, and nothing else.
+    tell whether the rover is planar at all, and nothing else. A model by wheel needs them, too; its
+    arrays have shape ``[wheels]``, front to rear, left before right.
     """
 
     stamp_ns: int
@@ -44,6 +45,7 @@ class Observation:
     lateral_velocity_sd: float = math.nan  # [m/s]
     yaw_rate: float = math.nan  # [rad/s] to the left
     yaw_rate_sd: float = math.nan  # [rad/s]
+    steering: Floats | None = None  # [rad] to the left, of each wheel; None: nothing steers them
 
 
 AXLE_FIELDS = tuple(field.name for field in fields(Observation) if field.type is Floats)
@@ -52,5 +54,7 @@ AXLE_FIELDS = tuple(field.name for field in fields(Observation) if field.type is
 SCALAR_FIELDS = tuple(field.name for field in fields(Observation) if field.type is float)
 """Names of the measured scalars, in order. The fields are the stamp, the arrays, the scalars."""
 
-OFF_PLANE = ("roll", "lateral_velocity", "lateral_velocity_sd", "yaw_rate", "yaw_rate_sd")
-"""Names of what only tells whether the rover is planar: no other observation depends on them."""
+OFF_PLANE = (
+    "roll", "lateral_velocity", "lateral_velocity_sd", "yaw_rate", "yaw_rate_sd", "steering",
+)  # fmt: skip
+"""Names of what makes a motion other than planar: no other observation depends on them."""

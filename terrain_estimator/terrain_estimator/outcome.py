@@ -62,9 +62,10 @@ _ADVICE = {
         " rover, the ground changed, or a sensor failed"
     ),
     Outcome.NOT_PLANAR: (
-        "the model drives straight up and down: nothing is learnt in turns and across slopes;"
-        " a rover that does neither has a wrong roll, yaw rate or lateral velocity, or too small a"
-        " variance of them: correct it, or set roll_limit or turn_limit to 0"
+        "the model drives straight up and down: only a model by wheel (model_by_wheel) learns in"
+        " turns and across slopes; a rover that does neither has a wrong roll, yaw rate or lateral"
+        " velocity, or too small a variance of them: correct it, or set roll_limit or turn_limit to"
+        " 0"
     ),
     Outcome.NUMERICAL_FAILURE: "reset the estimator; if the failure recurs, report the recording",
 }

@@ -14,11 +14,13 @@ from terrain_estimator.compiled.translation import Translation
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.metadata import Metadata
 from terrain_estimator.model.model_file import checked_model, load_model
+from terrain_estimator.model.packed_observation import GROUPS, TIMING
 from terrain_estimator.model.packing import pack_measurement, view_of, with_slip, without_link
 from terrain_estimator.model.torchscript import running
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
+from terramechanics.vehicle.wheel_places import wheel_order
 
 METHODS = (
     "initial",
@@ -35,6 +37,9 @@ RECORDED_S = 7.0
 """[s] Length of the recorded drive."""
 WATCHED_S = 20.0
 """[s] Length of the drive that is watched for sizes: until hypotheses have become fewer."""
+
+_ASIDE, _TURN, _LEAN = 0.005, 0.003, 0.005
+"""[m/s], [rad/s], [rad] Deviations of lateral velocity, yaw rate and roll."""
 
 HEAD = """\
 // Made from {name}.pt by terrain_estimator.compiled; do not edit.
@@ -112,12 +117,14 @@ def recorded_drive(metadata: Metadata) -> Tensor:
     """
     packed = _packed_drive(metadata, RECORDED_S)
     packed = torch.cat([packed[:25], without_link(packed[25:26]), packed[26:]])
-    slip = view_of(packed, metadata.rover.axles).slip.clone()
+    view = view_of(packed, metadata.stations)
+    slip = view.slip.clone()
     slip[45, 0] = torch.nan
     packed = with_slip(packed, slip)
-    view_of(packed, metadata.rover.axles).acceleration[52] = torch.nan
+    view = view_of(packed, metadata.stations)
+    view.acceleration[52] = torch.nan
     if metadata.balances_sinkage:
-        view_of(packed, metadata.rover.axles).sinkage[55:65] = torch.nan
+        view.sinkage[55:65] = torch.nan
     return packed
 
 
@@ -128,11 +135,31 @@ def _packed_drive(metadata: Metadata, seconds: float) -> Tensor:
     ground = Ground([Patch(soil.constants().unsqueeze(0), strength, name=soil.name, law=soil.law)])
     drive = simulate(metadata.rover, ground, "S1", seconds, generator, 1)
     packed = pack_measurement(measure_drive(metadata.rover, drive.seen, Noise(), generator))[0]
+    place = packed.shape[1] - TIMING  # the rates stand before what is of the time
+    rates = drive.sample.wheel_rate[0].expand(-1, metadata.rover.axles)
     if metadata.effects:
-        place = packed.shape[1] - 2  # the rates stand before the two of the time
-        rates = drive.sample.wheel_rate[0].expand(-1, metadata.rover.axles)
         packed = torch.cat([packed[:, :place], rates, packed[:, place:]], 1)
+    if metadata.wheels:
+        packed = _by_wheel(metadata, packed, rates, generator)
     return packed
+
+
+def _by_wheel(
+    metadata: Metadata, packed: Tensor, rates: Tensor, generator: torch.Generator
+) -> Tensor:
+    """Return a straight drive [n, P] by axle as one by wheel, with noise in how it moves aside."""
+    rover = metadata.rover
+    axles = [rover.wheels[k].axle for k in wheel_order(rover)]
+    first = GROUPS * rover.axles
+    wheels = packed[:, :first].reshape(-1, GROUPS, rover.axles)[:, :, axles].flatten(1)
+    rims = rover.wheel_radius * rates[:, axles]
+    noise = torch.randn(len(packed), 3, generator=generator, dtype=torch.float64)
+    spreads = torch.tensor([_ASIDE, _TURN, _LEAN], dtype=torch.float64).expand_as(noise)
+    lateral, turn, roll = (noise * spreads).unbind(1)
+    moved = torch.stack([lateral, spreads[:, 0], turn, spreads[:, 1], roll], 1)
+    rest = packed[:, first:]
+    parts = [wheels, rest[:, :-TIMING], rims, torch.zeros_like(rims), moved, rest[:, -TIMING:]]
+    return torch.cat(parts, 1)
 
 
 def answers(model: LoadedModel, drive: Tensor) -> Tensor:

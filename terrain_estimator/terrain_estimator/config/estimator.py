@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the estimator: those that change estimates, and those of its node."""
 
+import dataclasses
 from dataclasses import dataclass, field
 
 from rover_parameters.parameters import INLINE, effective, fingerprint
@@ -9,6 +10,10 @@ from rover_parameters.records import ConfigError, entry, number
 from terrain_estimator.config.auto_start import AUTO_START
 from terrain_estimator.topics import BODY_FRAME
 
+SLIPS = (-0.6, 0.95)
+"""[1] Least and largest slip of a model by axle."""
+SLIPS_BY_WHEEL = (-3.0, 3.0)
+"""[1] The same of a model by wheel: wheels on the inner side of a turn are braked, or turn back."""
 TURN_LIMIT = 0.07
 """[1] Share of the rims' speed that an axle may move sideways, see docs/lateral.md."""
 
@@ -99,18 +104,18 @@ class CoreConfig:
         default=1e-5,
     )
     slip_minimum: float = number(
-        "wheels with less slip are left out; the model's range starts at -0.6",
+        "wheels with less slip are left out; the model's range starts at -0.6, by wheel at -3",
         "1",
-        -0.6,
+        SLIPS[0],
         0.0,
-        default=-0.6,
+        default=SLIPS[0],
     )
     slip_maximum: float = number(
-        "wheels with this slip or more are left out; the model's range ends at 0.95",
+        "wheels with this slip or more are left out; the model's range ends at 0.95, by wheel at 3",
         "1",
         0.0,
-        0.95,
-        default=0.95,
+        SLIPS[1],
+        default=SLIPS[1],
     )
 
     roll_limit: float = number(
@@ -160,6 +165,17 @@ class CoreConfig:
                     f"parameter prior.{name}_sd: {sd:g} needs prior.{name}_mean above 0: give both"
                     " or none"
                 )
+
+    def of_model(self, *, by_wheel: bool) -> "CoreConfig":
+        """Return the parameters for a model by axle or by wheel, whose range of slip is wider."""
+        own = self.slip_minimum, self.slip_maximum
+        if not by_wheel or own == SLIPS_BY_WHEEL:
+            return self
+        low, high = (
+            wide if value == usual else value
+            for value, usual, wide in zip(own, SLIPS, SLIPS_BY_WHEEL, strict=True)
+        )
+        return dataclasses.replace(self, slip_minimum=low, slip_maximum=high)
 
     @property
     def drift(self) -> float:

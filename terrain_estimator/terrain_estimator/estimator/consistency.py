@@ -74,10 +74,13 @@ _ITERATIONS, _CLOSE = 100, 1e-12
 _SIGNALS = {
     "velocity": "slip and odometry",
     "load": "sinkage and the rover's mass",
-    "torque": "that axle's torque, slip and sinkage",
+    "torque": "torque, slip and sinkage of that axle or wheel",
     "acceleration": "the IMU's acceleration and pitch",
     "moment": "pitch and the sinkage of front and rear wheels",
     "bogie_moment": "the bogie's angle and the sinkage of its wheels",
+    "roll_moment": "roll and the sinkage of left and right wheels",
+    "lateral_velocity": "lateral velocity, yaw rate and roll",
+    "yaw_rate": "yaw rate, steering and the track width",
 }
 """What to look at first, by the kind of the row."""
 

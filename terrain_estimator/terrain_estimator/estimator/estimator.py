@@ -22,8 +22,15 @@ from terrain_estimator.estimator.screening import Screening, advised, as_configu
 from terrain_estimator.estimator.soundness import unsound, unsound_answer, unsound_fit
 from terrain_estimator.estimator.summary import Beliefs, deviation, inflated, summarise
 from terrain_estimator.model.loaded import LoadedModel
-from terrain_estimator.model.packed_observation import LONGEST_GAP, ground_torque, link, pack
+from terrain_estimator.model.packed_observation import (
+    LONGEST_GAP,
+    TurningBody,
+    ground_torque,
+    link,
+    pack,
+)
 from terrain_estimator.model.report import Report
+from terrain_estimator.model.row_names import BESIDE
 from terrain_estimator.model.runtime import RuntimeState
 from terrain_estimator.observation import OFF_PLANE, Floats, Observation
 from terrain_estimator.outcome import Outcome
@@ -58,14 +65,17 @@ class Estimator:
         """
         self._runtime = model.runtime
         self._rover = model.rover
-        self._rows = model.rows
+        self._rows, self._stations = model.rows, model.metadata.stations
         self._moments = tuple(row for row in model.rows if "moment" in row)
+        self._beside = tuple(row for row in model.rows if row in BESIDE)
         self._effects = model.effects
+        config = config.of_model(by_wheel=bool(model.metadata.wheels))
         self._config, self._balances_sinkage = config, model.balances_sinkage
+        self._wheels, self._body = _single_wheels(model)
         if not (config.use_sinkage or model.balances_sinkage):
             raise ConfigError(
                 f"parameter use_sinkage: model {model.model_id} needs every sinkage: it has named"
-                " effects or another contact law"
+                " effects or another contact law, or is by wheel"
             )
         self._step_s, self._block = model.metadata.step_s, model.metadata.block
         self._beliefs = Beliefs.of(model.metadata, config)
@@ -120,6 +130,7 @@ class Estimator:
             self._rover,
             self._config,
             sinkage_needed=not self._balances_sinkage,
+            wheels=self._wheels,
         )
         if screening.outcome not in (Outcome.TIME_BACKWARDS, Outcome.DUPLICATE):
             self._last_stamp = observation.stamp_ns
@@ -191,7 +202,7 @@ class Estimator:
             runtime.arrays(runtime.initial()),
             self._published_with,
             self._rows,
-            self._rover.axles,
+            self._stations,
             self._rover.wheel_radius,
             self._block,
             self._step_s,
@@ -267,7 +278,8 @@ class Estimator:
             # the part that turns the wheel is unknown, and with it the torque on the ground
             detail = "a sinkage is missing, and a wheel rate, too: measure one of them"
             return Decision(Outcome.NOT_FINITE, (), _NAN, _NAN, 0, detail), None
-        packed = pack(observation, torque, step_s, linked=linked, rates=bool(self._effects))
+        rates, body = bool(self._effects), self._body
+        packed = pack(observation, torque, step_s, linked=linked, rates=rates, body=body)
         state = self._runtime.update(self._state, packed)
         report = self._runtime.report(state)
         refusal = self._refuse(observation, report) or (
@@ -290,7 +302,10 @@ class Estimator:
             detail = f"a number became infinite or NaN, or rounding ate the last second: {kept}"
             return Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail, settled)
         if not all(report.usable):
-            outside = [axle for axle, usable in enumerate(report.usable) if not usable]
+            outside = [k for k, usable in enumerate(report.usable) if not usable]
+            which = f"axles {outside}"
+            if self._wheels:
+                which = f"wheels {', '.join(self._wheels[k] for k in outside)}"
             needed = ", or have no wheel rate, which this model needs" if self._effects else ""
             return Decision(
                 Outcome.OUT_OF_RANGE,
@@ -298,7 +313,7 @@ class Estimator:
                 _NAN,
                 _NAN,
                 0,
-                f"axles {outside} are outside the model's range{needed}",
+                f"{which} are outside the model's range{needed}",
             )
         if report.distance > self._gate:
             detail = (
@@ -364,6 +379,7 @@ class Estimator:
             # without sinkages all balances are spent on these
             () if math.isnan(observation.sinkage[0]) else balances,
         )
+        rows += self._beside
         threshold = self._gate if math.isfinite(self._gate) else _NAN  # no gate applies
         return Decision(
             screening.outcome,
@@ -446,6 +462,13 @@ class Estimator:
             disagreements=disagreements,
             unconfirmed=self._unconfirmed if sharp else "",
         )
+
+
+def _single_wheels(model: LoadedModel) -> tuple[tuple[str, ...], TurningBody | None]:
+    """Return names of the wheels of a model by wheel, and what packing them needs; else nothing."""
+    rover, names = model.rover, model.metadata.wheels
+    body = TurningBody(rover.wheel_radius, rover.gravity, rover.centre_of_mass_x)
+    return names, body if names else None
 
 
 @functools.lru_cache

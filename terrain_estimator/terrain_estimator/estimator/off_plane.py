@@ -3,16 +3,23 @@
 """The refusal of what a planar model does not describe: a lean to a side, a turn, a slide."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.wheel_places import STEEPEST_STEERING
 
 FASTEST = 100.0
 """[m/s] of rover and rim; beyond it a sensor is broken or a unit is wrong."""
+DEVIATIONS = (1e-9, 1e9)
+"""[SI] Standard deviations outside have squares or ratios that overflow."""
+_STEEPEST_LEAN = 0.5
+"""[rad] Roll beyond which the wheels of a model by wheel no longer press on a plane."""
+_FASTEST_TURN = 10.0
+"""[rad/s] No rover turns faster; beyond it a unit is wrong."""
 _TURN_BOUND = 2.0
 """[standard deviations] Noise allowed to what is perhaps a turn.
 
@@ -85,3 +92,35 @@ def sideways_of(observation: Observation, rims: Iterable[float], rover: Rover) -
 def _known(value: float, deviation: float) -> tuple[float, float]:
     """Return a value and its deviation; zeros where it is not measured."""
     return (value, deviation) if math.isfinite(value) and deviation >= 0.0 else (0.0, 0.0)
+
+
+def refuse_motion(observation: Observation, wheels: Sequence[str]) -> Refusal:
+    """Refuse an observation that does not tell a model by wheel how each wheel moves.
+
+    It needs lateral velocity, yaw rate and roll, and of every wheel its rate, and its steering
+    where a joint turns it. ``wheels`` are their names.
+    """
+    limits = {"lateral_velocity": FASTEST, "yaw_rate": _FASTEST_TURN, "roll": _STEEPEST_LEAN}
+    for name, limit in limits.items():
+        value, what = getattr(observation, name), name.replace("_", " ")
+        if not math.isfinite(value):
+            return Outcome.NOT_FINITE, f"{what} is {value}, which a model by wheel needs"
+        if abs(value) > limit:
+            return Outcome.OUT_OF_RANGE, f"{what} {value:g} is not within +-{limit:g}"
+        deviation = getattr(observation, f"{name}_sd", 1.0)
+        if not DEVIATIONS[0] <= deviation <= DEVIATIONS[1]:
+            return Outcome.BAD_DEVIATION, f"the standard deviation of {what} is {deviation:g}"
+    steering = observation.steering
+    angles = [0.0] * len(wheels) if steering is None else steering.tolist()
+    each = zip(wheels, observation.wheel_rate.tolist(), angles, strict=True)
+    return next(filter(None, (_refuse_wheel(*wheel) for wheel in each)), None)
+
+
+def _refuse_wheel(wheel: str, rate: float, steering: float) -> Refusal:
+    for what, value in (("wheel rate", rate), ("steering", steering)):
+        if not math.isfinite(value):
+            return Outcome.NOT_FINITE, f"wheel {wheel}: {what} is {value}"
+    if abs(steering) >= STEEPEST_STEERING:
+        limit = f"not within +-{STEEPEST_STEERING:g} rad"
+        return Outcome.OUT_OF_RANGE, f"wheel {wheel}: steering {steering:.3g} rad is {limit}"
+    return None

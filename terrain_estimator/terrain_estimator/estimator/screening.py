@@ -13,13 +13,19 @@ value, would bias what is left. So a sinkage that noise makes slightly negative 
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from terrain_estimator.config.estimator import CoreConfig
-from terrain_estimator.estimator.off_plane import FASTEST, Refusal, refuse_off_plane
+from terrain_estimator.estimator.off_plane import (
+    DEVIATIONS,
+    FASTEST,
+    Refusal,
+    refuse_motion,
+    refuse_off_plane,
+)
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 from terramechanics.vehicle.rover import Rover
@@ -30,7 +36,6 @@ NOISE_BOUND = 4.0
 # Beyond these limits a sensor is broken or a unit is wrong.
 STRONGEST_TORQUE = 1e6  # [N m]
 STRONGEST_ACCELERATION = 1e3  # [m/s^2]
-DEVIATIONS = (1e-9, 1e9)  # [SI] outside no square and no ratio of variances is safe from overflow
 _PERCENTAGE = 2.0  # [1] a slip beyond it, either way, is hardly a ratio
 _OTHER_UNIT = 3.0  # [wheel radii] a sinkage beyond it is hardly in metres
 _STEEPEST_GROUND = math.pi / 2.0  # [rad]
@@ -55,29 +60,43 @@ def screen(
     config: CoreConfig,
     *,
     sinkage_needed: bool = False,
+    wheels: Sequence[str] = (),
 ) -> Screening:
     """Screen one observation; ``previous_stamp_ns`` is the stamp of the last one, if any.
 
-    ``sinkage_needed`` says that no balance may replace a sinkage.
+    ``sinkage_needed`` says that no balance may replace a sinkage. ``wheels`` are the names of those
+    of a model by wheel, which may turn and back out; none: the model is by axle.
     """
-    rims = _rims(observation, rover.wheel_radius)
+    rims, names = _rims(observation, rover.wheel_radius), _names(observation, wheels)
     refusal = (
         _refuse_time(observation.stamp_ns, previous_stamp_ns)
         or _refuse_standstill(observation, rims, config.standstill_speed)
         or _refuse_scalars(observation)
-        or _refuse_reverse(observation, rims, config.standstill_speed)
-        or refuse_off_plane(observation, rims, rover, config)
     )
+    if not wheels:
+        refusal = (
+            refusal
+            or _refuse_reverse(observation, rims, config.standstill_speed)
+            or refuse_off_plane(observation, rims, rover, config)
+        )
+    refusal = refusal or (refuse_motion(observation, wheels) if wheels else None)
     if refusal is not None:
         return Screening(refusal[0], observation, refusal[1])
     missing = _without_sinkage(observation)
     if missing and sinkage_needed:
-        return Screening(Outcome.NOT_FINITE, observation, _named(missing))
-    screening = _mask(observation, rims, rover.wheel_radius, config)
+        return Screening(Outcome.NOT_FINITE, observation, _named(missing, names))
+    screening = _mask(observation, rims, rover.wheel_radius, config, names)
     if missing and screening.outcome.used and (lacking := _lacking(screening.observation)):
-        detail = f"{_named(missing)}; to do without it, measure {lacking}"
+        detail = f"{_named(missing, names)}; to do without it, measure {lacking}"
         return Screening(Outcome.NOT_FINITE, observation, detail)
     return screening
+
+
+def _names(observation: Observation, wheels: Sequence[str]) -> list[str]:
+    """Return what the values of an array belong to, in words."""
+    if wheels:
+        return [f"wheel {name}" for name in wheels]
+    return [f"axle {axle}" for axle in range(len(observation.slip))]
 
 
 def impossible(observation: Observation, wheel_radius_m: float) -> str:
@@ -86,7 +105,7 @@ def impossible(observation: Observation, wheel_radius_m: float) -> str:
     if refusal is not None:
         return refusal[1]
     rims = _rims(observation, wheel_radius_m)
-    screening = _mask(observation, rims, wheel_radius_m, CoreConfig())
+    screening = _mask(observation, rims, wheel_radius_m, CoreConfig(), _names(observation, ()))
     return "" if screening.outcome is Outcome.ACCEPTED else screening.detail
 
 
@@ -191,7 +210,11 @@ def _is_deviation(value: float) -> bool:
 
 
 def _mask(
-    observation: Observation, rims: list[float], radius: float, config: CoreConfig
+    observation: Observation,
+    rims: list[float],
+    radius: float,
+    config: CoreConfig,
+    names: list[str],
 ) -> Screening:
     """Mask optional sensors that cannot be used; refuse where an axle cannot."""
     if not _are_usable(observation, radius, config):
@@ -204,12 +227,12 @@ def _mask(
             return Screening(
                 _worst(fault[0] for _, fault in faults),
                 observation,
-                "; ".join(f"axle {axle}: {fault[1]}" for axle, fault in faults),
+                "; ".join(f"{names[axle]}: {fault[1]}" for axle, fault in faults),
             )
     changes: dict[str, Floats | float] = {}
     details = [
-        *_mask_rates(observation, rims, radius, changes),
-        *_mask_optional(observation, changes),
+        *_mask_rates(observation, rims, radius, changes, names),
+        *_mask_optional(observation, changes, names),
     ]
     missing = _without_sinkage(observation)
     if 0 < len(missing) < len(observation.sinkage):
@@ -228,8 +251,8 @@ def _without_sinkage(observation: Observation) -> list[int]:
     return [axle for axle, each in enumerate(observation.sinkage.tolist()) if math.isnan(each)]
 
 
-def _named(missing: list[int]) -> str:
-    return "; ".join(f"axle {axle}: sinkage is nan" for axle in missing)
+def _named(missing: list[int], names: list[str]) -> str:
+    return "; ".join(f"{names[axle]}: sinkage is nan" for axle in missing)
 
 
 def _lacking(observation: Observation) -> str:
@@ -376,6 +399,7 @@ def _mask_rates(
     rims: list[float],
     radius: float,
     changes: dict[str, Floats | float],
+    names: list[str],
 ) -> list[str]:
     """Mask wheel rates that no wheel has, and the torques with them.
 
@@ -388,13 +412,15 @@ def _mask_rates(
     changes["wheel_rate"] = np.where(absurd, np.nan, rates)
     changes["torque"] = np.where(absurd, np.nan, observation.torque)
     return [
-        f"axle {axle}: wheel rate {rates[axle]:g} rad/s: its rim would be faster than"
+        f"{names[axle]}: wheel rate {rates[axle]:g} rad/s: its rim would be faster than"
         f" {FASTEST:g} m/s"
         for axle in np.flatnonzero(absurd)
     ]
 
 
-def _mask_optional(observation: Observation, changes: dict[str, Floats | float]) -> list[str]:
+def _mask_optional(
+    observation: Observation, changes: dict[str, Floats | float], names: list[str]
+) -> list[str]:
     """Mask torque, acceleration and bogie angle that are given but unusable.
 
     NaN is an absent sensor, and no fault.
@@ -425,9 +451,9 @@ def _mask_optional(observation: Observation, changes: dict[str, Floats | float])
     ]
     if any(faulty):
         changes["torque"] = np.where(faulty, np.nan, changes.get("torque", torque))
-        words = "axle {}: torque {:g} N m with standard deviation {:g}"
+        words = "{}: torque {:g} N m with standard deviation {:g}"
         details += [
-            words.format(axle, torque[axle], observation.torque_sd[axle])
+            words.format(names[axle], torque[axle], observation.torque_sd[axle])
             for axle in np.flatnonzero(faulty)
         ]
     return details

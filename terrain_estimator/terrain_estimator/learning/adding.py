@@ -81,6 +81,10 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpaca:
         raise ConfigError(
             f"effects {', '.join(names) or '(none)'}: at least one is needed, and each once"
         )
+    if loaded.metadata.wheels:
+        raise ConfigError(
+            f"model {loaded.model_id} is by wheel; named effects need one by axle: give that"
+        )
     plain, rover = restored(loaded), loaded.rover
     law = ScmStresses() if law_of(loaded.metadata.soils) == SCM else None
     rows = EffectRows([LAWS[name](rover) for name in names], rover.mass, law)

@@ -13,6 +13,7 @@ from typing import BinaryIO
 import torch
 from torch import Tensor
 
+from terrain_estimator.learning.by_wheel import CENTRE_OF_MASS_Y
 from terrain_estimator.model.metadata import (
     FORMAT,
     Metadata,
@@ -24,28 +25,37 @@ from terrain_estimator.model.metadata import (
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.packed_observation import (
     BLOCK,
-    PACKED_SCALAR_FIELDS,
     PACKED_WHEEL_FIELDS,
+    scalar_fields,
 )
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics import UNCERTAIN
-from terrain_estimator.model.row_names import row_names
+from terrain_estimator.model.row_names import row_names, row_names_by_wheel
 from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.wheel_places import WheelPlaces
 
 VERSION = "14"
 """Version of the model's structure and training, part of the model's id."""
 
 
 def export(
-    model: PAlpaca, rover: Rover, soils: Sequence[Soil], training: Training, path: Path
+    model: PAlpaca,
+    rover: Rover,
+    soils: Sequence[Soil],
+    training: Training,
+    path: Path,
+    wheel_places: WheelPlaces | None = None,
 ) -> Metadata:
     """Write ``path`` (.pt) and the .json beside it, and return the metadata.
 
-    The name of the file is that of the model.
+    The name of the file is that of the model. ``wheel_places`` are those of a model by wheel.
     """
+    by_wheel = wheel_places is not None
     weights = tuple(f"net_{index}" for index in range(model.net.columns))
+    if by_wheel:
+        weights = (CENTRE_OF_MASS_Y,)
     constants = UNCERTAIN[: model.layout.constants]
     metadata = Metadata(
         format=FORMAT,
@@ -53,8 +63,10 @@ def export(
         sha256="",
         size=0,
         observation_axle_fields=PACKED_WHEEL_FIELDS,
-        observation_scalar_fields=PACKED_SCALAR_FIELDS,
-        rows=row_names(model.axles),
+        observation_scalar_fields=scalar_fields(model.axles, rates=False, by_wheel=by_wheel),
+        rows=row_names_by_wheel(model.axles, len(rover.suspension))
+        if by_wheel
+        else row_names(model.axles),
         parameters=(
             "cohesion_kpa",
             "tan_phi",
@@ -71,6 +83,7 @@ def export(
         rover=rover,
         soils=tuple(soils),
         training=training,
+        wheel_places=wheel_places,
     )
     return save(model, metadata, path)
 

@@ -26,6 +26,8 @@ def restore(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
         raise ModelFileError(
             f"model {loaded.model_id} has named effects: give the model that it was made from"
         )
+    if loaded.metadata.wheels:
+        raise ModelFileError(f"model {loaded.model_id} is by wheel: give one that is by axle")
     values = loaded.module.state_dict()
     last = values["net.layers.4.weight"]
     prior = loaded.metadata.prior

@@ -24,6 +24,7 @@ from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics import Physics, RoverBody
 from terrain_estimator.model.physics_by_law import PhysicsByLaw, ScmStresses
 from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior
+from terrain_estimator.model.row_names import row_names
 from terramechanics.terrain.soil import SCM, Soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import geometry_of
@@ -62,7 +63,8 @@ class Progress:
 def body_of(rover: Rover) -> RoverBody:
     """Return the properties of ``rover`` that the rows need."""
     return RoverBody(
-        len(rover.axle_x),
+        row_names(rover.axles),
+        rover.axles,
         rover.wheels_per_axle,
         rover.mass,
         rover.gravity,

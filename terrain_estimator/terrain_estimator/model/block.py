@@ -8,7 +8,6 @@ import torch
 from torch import Tensor, nn
 
 from terrain_estimator.model.gaussian import cholesky, log_determinant, symmetrize
-from terrain_estimator.model.row_names import row_names
 from terrain_estimator.model.rows import Rows, balances_of
 
 
@@ -52,15 +51,15 @@ FIXED = 5
 """Number of parameters whose columns do not depend on the observation, see fixed_columns."""
 
 
-def fixed_columns(axles: int, wheelbase: float) -> Tensor:
-    """Return the columns [R + 1, FIXED] of the parameters that are the rover's own.
+def fixed_columns(rows: tuple[str, ...], wheelbase: float) -> Tensor:
+    """Return the columns [R + 1, FIXED] of the parameters that are the rover's own, in its R rows.
 
     They are mass, centre of mass, acceleration bias, velocity before and after the block. Mass [1]
     relative to the rover file's and more, centre of mass [m] ahead of the rover file's: what they
     change in the load and in the moment, with 1 for the cosine of the pitch. In the velocity row a
     wrong mass changes little.
     """
-    names = ("mean_velocity", *row_names(axles))
+    names = ("mean_velocity", *rows)
     columns = torch.zeros(len(names), FIXED, dtype=torch.float64)
     columns[names.index("load"), 0] = -1.0
     columns[names.index("moment"), 1] = -1.0 / wheelbase

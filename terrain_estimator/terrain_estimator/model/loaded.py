@@ -12,7 +12,7 @@ from terrain_estimator.model.packed_observation import (
     packed_size,
     scalar_fields,
 )
-from terrain_estimator.model.row_names import row_names
+from terrain_estimator.model.row_names import row_names, row_names_by_wheel
 from terrain_estimator.model.runtime import Runtime
 from terramechanics.vehicle.rover import Rover
 
@@ -64,16 +64,22 @@ def check_layout(path: Path, model: LoadedModel) -> None:
     Raises:
         ModelFileError: they are not; the message names both.
     """
-    axles, rates = len(model.rover.axle_x), bool(model.effects)
-    fields = (model.metadata.observation_axle_fields, model.metadata.observation_scalar_fields)
-    if fields != (PACKED_WHEEL_FIELDS, scalar_fields(axles, rates=rates)):
+    metadata = model.metadata
+    stations, rates = metadata.stations, bool(model.effects)
+    by_wheel = metadata.wheel_places is not None
+    scalars = scalar_fields(stations, rates=rates, by_wheel=by_wheel)
+    size = packed_size(stations, rates=rates, by_wheel=by_wheel)
+    fields = (metadata.observation_axle_fields, metadata.observation_scalar_fields)
+    if fields != (PACKED_WHEEL_FIELDS, scalars):
         raise ModelFileError(
             f"{path}: was trained for other fields of an observation, train it again (make train)"
         )
     runtime = model.runtime
     start = runtime.initial()
     state = runtime.arrays(start)
-    rows = row_names(axles)
+    rows = row_names(stations)
+    if by_wheel:
+        rows = row_names_by_wheel(stations, len(model.rover.suspension))
     if model.rows != rows or state["single_misses"].shape[0] != len(rows):
         raise ModelFileError(
             f"{path}: has rows {', '.join(model.rows)}, this version needs {', '.join(rows)}: train"
@@ -85,10 +91,10 @@ def check_layout(path: Path, model: LoadedModel) -> None:
             f"{path}: estimates {effects} named effects, its .json names {len(model.effects)}"
         )
     length, parameters = state["block"].shape[-1], state["expected"].shape[0]
-    if length != packed_size(axles, rates=rates):
+    if length != size:
+        what = "wheels" if by_wheel else "axles"
         raise ModelFileError(
-            f"{path}: takes observations of {length} numbers, {axles} axles need"
-            f" {packed_size(axles, rates=rates)}"
+            f"{path}: takes observations of {length} numbers, {stations} {what} need {size}"
         )
     estimated = runtime.estimate(start).shape
     if estimated != (3, 2):

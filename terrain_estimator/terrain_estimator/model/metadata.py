@@ -21,6 +21,7 @@ from rover_parameters.regular_file import open_regular, read_regular
 from terrain_estimator.model.prior import Prior
 from terramechanics.terrain.soil import WONG_REECE, Soil
 from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.wheel_places import WheelPlaces, wheel_order
 
 FORMAT = 4
 """Version of the interface: the state's fields, the packed observation, the methods."""
@@ -87,6 +88,29 @@ class Metadata:
         "time between observations that the model was trained for", "s", 0.0, exclusive=True
     )
     effects: tuple[AddedEffect, ...] = ()
+    wheel_places: WheelPlaces | None = None  # of a model by wheel; None: it is by axle
+
+    def __post_init__(self) -> None:
+        if self.wheel_places is not None:
+            self.wheel_places.check(self.rover)
+
+    @property
+    def stations(self) -> int:
+        """Number of values of a quantity in an observation: one per axle, or per wheel."""
+        return self.rover.axles if self.wheel_places is None else len(self.rover.wheels)
+
+    @property
+    def wheels(self) -> tuple[str, ...]:
+        """Names of the wheels of a model by wheel, front to rear, left before right; else none."""
+        if self.wheel_places is None:
+            return ()
+        return tuple(self.rover.wheel_names[k] for k in wheel_order(self.rover))
+
+    @property
+    def steered(self) -> tuple[bool, ...]:
+        """Whether a joint turns each of the ``wheels``."""
+        known = self.wheel_places.steered if self.wheel_places else ()
+        return tuple(name in known for name in self.wheels)
 
     @property
     def prior_mean(self) -> tuple[float, float]:
@@ -101,7 +125,8 @@ class Metadata:
     @property
     def balances_sinkage(self) -> bool:
         """Whether the model can take sinkages that no sensor measures from the balances."""
-        return not self.effects and all(soil.law == WONG_REECE for soil in self.soils)
+        straight = self.wheel_places is None
+        return straight and not self.effects and all(soil.law == WONG_REECE for soil in self.soils)
 
 
 def model_names() -> tuple[str, ...]:
@@ -151,6 +176,8 @@ def write_metadata(path: Path, metadata: Metadata) -> None:
     for soil in content["soils"]:
         if soil["law"] == WONG_REECE:  # what a file of an older version means, too
             del soil["law"]
+    if content["wheel_places"] is None:
+        del content["wheel_places"]
     path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 

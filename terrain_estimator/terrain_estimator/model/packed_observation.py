@@ -3,14 +3,15 @@
 """One observation as one flat vector, which the model takes.
 
 With W wheels the layout is eight groups of W values, then the scalars (with the W wheel rates where
-a model takes them), all SI and float64, NaN for "not measured". One vector instead of sixteen keeps
-the call of the model cheap, and its layout is part of the model file. One value stands for the
-wheels of an axle, so W is the number of axles. ``packing`` has the named view that the model uses.
+a model takes them, or the motion of a model by wheel), all SI and float64, NaN for "not measured".
+One vector instead of sixteen keeps the call of the model cheap, and its layout is part of the model
+file. One value stands for the wheels of an axle, so W is the number of axles; or that of wheels, in
+a model by wheel. ``packing`` has the named view that the model uses.
 """
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -55,15 +56,26 @@ BLOCK = 10
 """Observations in a block: one second at 10 Hz."""
 
 
-def scalar_fields(wheels: int, *, rates: bool) -> tuple[str, ...]:
-    """Return the scalars of a model; ``rates`` puts the wheel rates [rad/s] before ``step``."""
+BY_WHEEL = ("lateral_velocity", "lateral_velocity_sd", "yaw_rate", "yaw_rate_sd", "roll")
+"""Scalars of a model by wheel, as in Observation; rims and steering come before them."""
+
+
+def scalar_fields(wheels: int, *, rates: bool, by_wheel: bool = False) -> tuple[str, ...]:
+    """Return the scalars of a model, whose last are ``step`` and ``linked``.
+
+    ``rates`` puts the wheel rates [rad/s] before ``step``, ``by_wheel`` the speeds of the rims
+    [m/s], the steering [rad] and the scalars BY_WHEEL.
+    """
     turning = tuple(f"wheel_rate_{wheel}" for wheel in range(wheels)) if rates else ()
+    if by_wheel:
+        rims = [f"rim_{wheel}" for wheel in range(wheels)]
+        turning = (*rims, *(f"steering_{wheel}" for wheel in range(wheels)), *BY_WHEEL)
     return (*PACKED_SCALAR_FIELDS[:MEASURED], *turning, *PACKED_SCALAR_FIELDS[MEASURED:])
 
 
-def packed_size(wheels: int, *, rates: bool = False) -> int:
+def packed_size(wheels: int, *, rates: bool = False, by_wheel: bool = False) -> int:
     """Return the length P of a packed observation."""
-    return GROUPS * wheels + len(scalar_fields(wheels, rates=rates))
+    return GROUPS * wheels + len(scalar_fields(wheels, rates=rates, by_wheel=by_wheel))
 
 
 LONGEST_GAP = 2.5
@@ -104,17 +116,21 @@ def pack(
     *,
     linked: bool,
     rates: bool = False,
+    body: "TurningBody | None" = None,
 ) -> Floats:
     """Return the observation as doubles [packed_size(axles, rates=rates)].
 
     ``torque`` [axles] is the observation's, [N m], less what turns the wheel's own inertia
     (docs/method.md, rows). A model that takes the wheel rates too cannot use a wheel whose rate is
-    not known.
+    not known. ``body`` is given for a model by wheel.
     """
-    slip, turning = observation.slip.tolist(), observation.wheel_rate.tolist() if rates else ()
+    slip, turning = observation.slip.tolist(), observation.wheel_rate.tolist() if rates else []
     if rates:
         both = zip(slip, turning, strict=True)
         slip = [each if math.isfinite(rate) else math.nan for each, rate in both]
+    pitch = observation.pitch
+    if body is not None:
+        pitch, turning = body.pitch(observation), body.motion(observation)
     # in the order of PACKED_WHEEL_FIELDS and of the scalars
     return np.array(
         [
@@ -128,7 +144,7 @@ def pack(
             *observation.torque_sd.tolist(),
             observation.velocity,
             observation.velocity_sd,
-            observation.pitch,
+            pitch,
             observation.pitch_sd,
             observation.acceleration,
             observation.acceleration_sd,
@@ -140,10 +156,36 @@ def pack(
     )
 
 
+class TurningBody(NamedTuple):
+    """What the packing of a rover that may turn needs of it."""
+
+    radius: float  # [m] of the wheels
+    gravity: float  # [m/s^2]
+    centre_x: float  # [m] of the centre of mass
+
+    def pitch(self, observation: Observation) -> float:
+        """Return the pitch [rad] at which gravity pulls back as here, less the turn's part.
+
+        A body that turns and moves aside accelerates ahead by dv_x/dt - omega v_y.
+        """
+        turn = observation.yaw_rate
+        aside = observation.lateral_velocity + self.centre_x * turn
+        sine = math.sin(observation.pitch) - turn * aside / self.gravity
+        return math.asin(sine) if abs(sine) < 1.0 else math.nan
+
+    def motion(self, observation: Observation) -> list[float]:
+        """Return the rims' speeds, the steering and BY_WHEEL."""
+        steering = observation.steering
+        angles = [0.0] * len(observation.slip) if steering is None else steering.tolist()
+        rims = [self.radius * rate for rate in observation.wheel_rate.tolist()]
+        return [*rims, *angles, *(getattr(observation, name) for name in BY_WHEEL)]
+
+
 def unpacked(packed: Floats, wheels: int) -> tuple[Observation, float, float]:
     """Return the observation without a stamp, step [s] and linked [1] of one vector [P].
 
-    Its torques are those on the ground, its wheel rates NaN where the layout has none.
+    Its torques are those on the ground, its wheel rates NaN where the layout has none; those of a
+    model by wheel are the rims' speeds, as of wheels of 1 m.
     """
     groups, rest = np.split(packed, [GROUPS * wheels])
     by_name: dict[str, Any] = dict(
@@ -151,5 +193,9 @@ def unpacked(packed: Floats, wheels: int) -> tuple[Observation, float, float]:
     )
     scalars, rates, (step, linked) = np.split(rest, [MEASURED, len(rest) - TIMING])
     measured = dict(zip(PACKED_SCALAR_FIELDS[:MEASURED], scalars.tolist(), strict=True))
+    if rates.size > wheels:
+        rates, steering, motion = np.split(rates, [wheels, 2 * wheels])
+        measured |= dict(zip(BY_WHEEL, motion.tolist(), strict=True))
+        measured["steering"] = steering
     rates = rates if rates.size else np.full(wheels, np.nan)
     return Observation(stamp_ns=0, **by_name, wheel_rate=rates, **measured), step, linked

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.model.packed_observation import (
+    BY_WHEEL,
     GROUPS,
     MEASURED,
     PACKED_WHEEL_FIELDS,
@@ -140,6 +141,18 @@ def with_acceleration_and_sd(
 def with_bogie_angle(packed: Tensor, angle: Tensor, wheels: int) -> Tensor:
     """Return packed observations [..., P] with another bogie ``angle`` [...] [rad]."""
     return replaced(packed, GROUPS * wheels + 6, angle.unsqueeze(-1))
+
+
+def with_body_motion(
+    packed: Tensor, lateral: Tensor, yaw_rate: Tensor, behind: int = len(BY_WHEEL) + TIMING
+) -> Tensor:
+    """Return observations [..., P] of a model by wheel with another lateral velocity and yaw rate.
+
+    Both are [...], in m/s and rad/s.
+    """
+    first = packed.shape[-1] - behind
+    moved = replaced(packed, first, lateral.unsqueeze(-1))
+    return replaced(moved, first + 2, yaw_rate.unsqueeze(-1))
 
 
 def with_pitch(packed: Tensor, pitch: Tensor, wheels: int, groups: int = GROUPS) -> Tensor:

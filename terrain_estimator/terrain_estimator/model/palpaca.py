@@ -46,6 +46,7 @@ from terrain_estimator.model.packing import PackedView, view_of, with_slip, with
 from terrain_estimator.model.parameters import ParameterLayout, parameter_layout
 from terrain_estimator.model.physics import Physics, SoilRows
 from terrain_estimator.model.physics_by_law import PhysicsByLaw
+from terrain_estimator.model.physics_by_wheel import PhysicsByWheel
 from terrain_estimator.model.physics_with_effects import PhysicsWithEffects
 from terrain_estimator.model.prior import Prior
 from terrain_estimator.model.row_names import row_names
@@ -72,7 +73,10 @@ class PAlpaca(nn.Module):
     every_row: Tensor
 
     def __init__(
-        self, physics: Physics | PhysicsByLaw | PhysicsWithEffects, net: NetFeatures, prior: Prior
+        self,
+        physics: Physics | PhysicsByLaw | PhysicsWithEffects | PhysicsByWheel,
+        net: NetFeatures,
+        prior: Prior,
     ) -> None:
         """Compose the model; ``prior`` has the deviation of soil constants that ``physics`` has."""
         super().__init__()
@@ -84,12 +88,15 @@ class PAlpaca(nn.Module):
         self.hypotheses = Hypotheses(prior, self.layout, physics.known_soils)
         self.velocity = VelocityFilter(physics.gravity, self.layout.first_constant)
         self.axles, self.known_soils = physics.axles, physics.known_soils
-        self.observation_size = packed_size(physics.axles, rates=physics.effect_values > 0)
+        self.observation_size = packed_size(
+            physics.axles,
+            rates=physics.effect_values > 0,
+            by_wheel=isinstance(physics, PhysicsByWheel),
+        )
         self.block_size, self.step_s, self.recent = BLOCK, TIME_STEP, RECENT
         self.least_known = LEAST_KNOWN
         self.register_buffer("longest_step", torch.tensor([1.0, 0.25], dtype=torch.float64))
-        rows = len(row_names(physics.axles))
-        self.register_buffer("every_row", torch.ones(rows, dtype=torch.float64))
+        self.register_buffer("every_row", torch.ones(row_count(physics), dtype=torch.float64))
 
     def forward(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
         """Return the state after ``observation``, as ``update`` does."""
@@ -376,6 +383,13 @@ class PAlpaca(nn.Module):
             solution = solve_block(start, soil_rows[soil].rows, self.longest_step)
             solved = join(solved, restarted(solution, soil))
         return solved, soil_rows
+
+
+def row_count(physics: Physics | PhysicsByLaw | PhysicsWithEffects | PhysicsByWheel) -> int:
+    """Return the number R of the rows of one observation."""
+    if isinstance(physics, PhysicsByWheel):
+        return int(physics.nominal.fixed_columns.shape[0]) - 1
+    return len(row_names(physics.axles))
 
 
 def without_nan(columns: Tensor) -> Tensor:

@@ -60,7 +60,8 @@ def uncertain_constants(constants: Tensor, relative_sd: float, width: float) -> 
 class RoverBody(NamedTuple):
     """The numbers of a rover that the rows need."""
 
-    axles: int
+    rows: tuple[str, ...]  # names of the R rows
+    axles: int  # or wheels, where these are estimated one by one
     wheels_per_axle: int
     mass_kg: float
     gravity: float  # [m/s^2]
@@ -131,7 +132,7 @@ class Physics(nn.Module):
         moments = [by_weight / wheelbase] * (1 + body.geometry.carried.shape[0])
         scale = torch.tensor([by_mass, by_weight, *moments], dtype=torch.float64)
         self.register_buffer("body_scale", scale)
-        self.register_buffer("fixed_columns", fixed_columns(body.axles, wheelbase))
+        self.register_buffer("fixed_columns", fixed_columns(body.rows, wheelbase))
         wheel = [0.1, 0.01, 0.01 * body.radius_m, 1e-3 * body.radius_m, 0.0, 0.0, 0.0, 0.0]
         self.register_buffer("stand_in", torch.tensor(wheel, dtype=torch.float64).unsqueeze(1))
         for name in GEOMETRY:

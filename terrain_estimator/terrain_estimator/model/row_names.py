@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The names of the regression rows, in their order."""
 
+BESIDE = ("lateral_velocity", "yaw_rate")
+"""Last rows of a model by wheel, of how the body moves beside."""
+
 
 def row_names(axles: int) -> tuple[str, ...]:
     """Return the names of the rows, in their order.
@@ -16,4 +19,18 @@ def row_names(axles: int) -> tuple[str, ...]:
         "acceleration",
         "moment",
         *(f"bogie_moment{f'_{k}' if joints > 1 else ''}" for k in range(joints)),
+    )
+
+
+def row_names_by_wheel(wheels: int, joints: int) -> tuple[str, ...]:
+    """Return the names of the rows of a model whose wheels are estimated one by one."""
+    return (
+        "velocity",
+        "load",
+        *(f"torque_{k}" for k in range(wheels)),
+        "acceleration",
+        "moment",
+        *("bogie_moment" for _ in range(joints)),
+        "roll_moment",
+        *BESIDE,
     )

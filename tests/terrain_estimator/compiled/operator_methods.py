@@ -93,6 +93,16 @@ class Operators(nn.Module):
         )  # fmt: skip
 
     @torch.jit.export
+    def turned(self, x: Tensor, y: Tensor, v: Tensor, m: Tensor, k: Tensor) -> Tensor:
+        ahead = torch.where(x < 0.0, -1.0, 1.0)
+        four = torch.stack([x, y]).movedim(0, -1)
+        least = max(self.scale, 0.05)
+        return torch.cat(
+            [torch.hypot(x, y).flatten(), ahead.to(x.dtype).flatten(), four.flatten(),
+             x.clamp(min=least).flatten()]
+        )  # fmt: skip
+
+    @torch.jit.export
     def viewed(self, x: Tensor, y: Tensor, v: Tensor, m: Tensor, k: Tensor) -> Tensor:
         t = x.transpose(0, 1)
         u = x.T

@@ -152,7 +152,7 @@ def answered(
 
 
 WITHOUT_FIXED_FORM = {
-    "functions", "made", "taken", "reduced", "multiplied", "factored", "kinds", "flow",
+    "functions", "turned", "made", "taken", "reduced", "multiplied", "factored", "kinds", "flow",
 }  # fmt: skip
 """Methods with an operator that has the general form alone, or with numbers of another kind."""
 

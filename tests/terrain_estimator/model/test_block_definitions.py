@@ -174,7 +174,7 @@ def test_the_noise_of_a_block_is_that_of_independent_observations() -> None:
 
 def test_mass_centre_bias_and_velocities_act_on_their_rows_alone() -> None:
     wheelbase = 1.7
-    columns = fixed_columns(AXLES, wheelbase)
+    columns = fixed_columns(row_names(AXLES), wheelbase)
     expected = {
         "mean_velocity": (3, 1.0),
         "load": (0, -1.0),

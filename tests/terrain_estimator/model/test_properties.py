@@ -15,8 +15,8 @@ from hypothesis.extra.numpy import arrays
 
 from terrain_estimator.bags import Types
 from terrain_estimator.config.estimator import ConversionConfig, CoreConfig, EstimatorConfig
-from terrain_estimator.estimator.off_plane import FASTEST
-from terrain_estimator.estimator.screening import DEVIATIONS, screen
+from terrain_estimator.estimator.off_plane import DEVIATIONS, FASTEST
+from terrain_estimator.estimator.screening import screen
 from terrain_estimator.messaging.conversion import Conversion, Converter
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.gaussian import cholesky, mixture, project, random_walk

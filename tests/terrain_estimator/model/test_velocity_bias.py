@@ -30,6 +30,7 @@ from terrain_estimator.model.block import (
     without_velocity_bias,
 )
 from terrain_estimator.model.gaussian import drop, log_determinant
+from terrain_estimator.model.row_names import row_names
 from terrain_estimator.model.rows import Rows
 
 CHAINS, BLOCKS, N = 4000, 60, 10
@@ -50,7 +51,7 @@ def chain_rows(velocity: Tensor, features: Tensor) -> BlockRows:
     measured = torch.stack([velocity, torch.full_like(velocity, VELOCITY_SD**2)], 1)
     return block_rows(
         rows, ones[:, None, :0], STEP_S * ones[:, 0], measured, ones[:0, 0],
-        fixed_columns(3, 1.0)[:2], LINK_VARIANCE,
+        fixed_columns(row_names(3), 1.0)[:2], LINK_VARIANCE,
     )  # fmt: skip
 
 

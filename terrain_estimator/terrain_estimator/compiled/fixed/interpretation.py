@@ -46,6 +46,7 @@ _PYTHON: dict[str, Callable[..., Any]] = {
     "aten::__is__": operator.is_,
     "aten::__isnot__": operator.is_not,
     "aten::__not__": operator.not_,
+    "prim::max": max,
     "prim::min": min,
     "prim::dtype": lambda x: x.dtype,
     "prim::device": lambda x: x.device,

@@ -1,0 +1,398 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Physics of a rover whose wheels are estimated one by one, so that it may turn and slide.
+
+The rows are those of ``rows`` with a wheel in the place of an axle, and three more::
+
+    roll_moment        0 = SUM_k roll moment of wheel k about the centre of mass / (m g b)   [1]
+    lateral_velocity   dv_y/dt + omega v_x + g sin(roll) = SUM_k Y-part of wheel k / m     [m/s^2]
+    yaw_rate           I domega/dt / (m g b) = SUM_k yaw moment of wheel k / (m g b)       [1]
+
+Shear along and across share one limit (terramechanics.contact.rolling), so that the forces of a
+wheel stay affine in (c, tan phi). Its motion across follows from the body's lateral velocity and
+yaw rate, which are measured; the noise of both is carried along as sources of the rows.
+
+No instant measures dv_y/dt and domega/dt. So both rows are weighted by n b_l, their targets by
+n w_i (``body_motion``); the mean over the block then is the least-squares slope of the readings. A
+turning rover's acceleration ahead has the part -omega v_y, which comes with the pitch
+(``packed_observation``).
+"""
+
+import torch
+from torch import Tensor, nn
+
+from terrain_estimator.model.agreement import LARGEST_ERROR, Agreement
+from terrain_estimator.model.body_motion import (
+    BodyMotion,
+    block_slopes,
+    body_motion,
+    moves,
+    safe_motion,
+)
+from terrain_estimator.model.gaussian import cholesky
+from terrain_estimator.model.packing import (
+    PackedView,
+    view_of,
+    with_body_motion,
+    with_sinkage,
+    with_slip,
+)
+from terrain_estimator.model.physics import Physics, SoilRows
+from terrain_estimator.model.rows import (
+    ContactModel,
+    Forces,
+    Frame,
+    Rows,
+    are_usable,
+    frame_of,
+    measured_forces,
+    places,
+    read_forces,
+    rows_of_forces,
+    values_alone,
+    varied_inputs,
+)
+from terramechanics.contact.rolling import WheelMotion, rolling_forces
+from terramechanics.vehicle.suspension import Geometry
+from terramechanics.vehicle.wheel_balances import motion_across, wheel_balances
+
+WIDEST = 3.0
+"""[1] Slip, either way, up to which a wheel is used: one on the inner side turns back in a turn."""
+INSIDE = (-0.59, 0.94)
+"""[1] Slips between which the law of stresses moves the largest one, and those that pass for it."""
+SMALL = 1e-3
+"""[1] Share of the rim's speed by which the motion across is varied."""
+FEWEST = 5
+"""Readings from which on a block has a slope."""
+ROUNDS = 3
+"""Steps to the inputs on which the rows agree best."""
+UNSTEADY = 0.01
+"""[g] Deviation of an instant's acceleration to the side from its mean over the block.
+
+That of the yaw rate's is as if the wheels at both ends had it.
+"""
+
+
+class PhysicsByWheel(nn.Module):
+    """Physics of single wheels.
+
+    It has the methods of :class:`~terrain_estimator.model.physics.Physics` that the model calls.
+    """
+
+    wheel_y: Tensor
+    yaw_inertia: Tensor
+    unsteady: Tensor
+
+    def __init__(self, nominal: Physics, wheel_y: Tensor, yaw_inertia: float) -> None:
+        """Take the physics with wheels in the place of axles, and what a planar rover lacks.
+
+        ``wheel_y`` [W] is in m, ``yaw_inertia`` in kg m^2.
+        """
+        super().__init__()
+        self.nominal = nominal
+        self.axles, self.gravity = nominal.axles, nominal.gravity
+        self.known_soils, self.uncertain_constants = (
+            nominal.known_soils,
+            nominal.uncertain_constants,
+        )
+        self.effect_values, self.small, self.fewest = 0, SMALL, FEWEST
+        self.rounds, self.largest, self.widest = ROUNDS, LARGEST_ERROR, WIDEST
+        self.least_slip, self.most_slip = INSIDE
+        self.unsteady_share = UNSTEADY**2
+        self.register_buffer("wheel_y", wheel_y)
+        scaled = torch.tensor(yaw_inertia, dtype=torch.float64) * nominal.body_scale[2]
+        self.register_buffer("yaw_inertia", scaled)
+        wheelbase = float(nominal.axle_x.amax() - nominal.axle_x.amin())
+        unsteady = [nominal.gravity**2, (nominal.gravity / wheelbase * float(scaled)) ** 2]
+        self.register_buffer("unsteady", torch.tensor(unsteady, dtype=torch.float64))
+
+    def constants_of(self, chosen: Tensor, deviations: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the constants of the ``chosen`` soil, as the nominal physics does."""
+        return self.nominal.constants_of(chosen, deviations)
+
+    def usable(self, view: PackedView, leading: Tensor) -> Tensor:
+        """Return the usable wheels, as the nominal physics does; each motion has to be known."""
+        known = torch.isfinite(view.sinkage) & moves(body_motion(view))
+        inside = view_of(with_slip(view.packed, self.inside(view.slip)), self.axles)
+        return self.nominal.usable(inside, leading) & known
+
+    def inside(self, slip: Tensor) -> Tensor:
+        """Return slips within the range of a planar rover's law; NaN beyond WIDEST."""
+        known = slip.abs() <= self.widest
+        return torch.where(known, slip.clamp(self.least_slip, self.most_slip), float("nan"))
+
+    def balanced(
+        self, view: PackedView, constants: Tensor, varied: Tensor, strength: Tensor
+    ) -> PackedView:
+        """Return the observation as it is: there are fewer balances than wheels."""
+        del constants, varied, strength
+        return view
+
+    def hub_velocity(self, motion: BodyMotion) -> Tensor:
+        """Return the velocity of the hubs along the body's y, [..., W] [m/s]."""
+        turning = motion.yaw_rate.unsqueeze(-1) * self.nominal.axle_x
+        return motion.lateral.unsqueeze(-1) + turning
+
+    def levers(self, view: PackedView, motion: BodyMotion, geometry: Geometry) -> Tensor:
+        """Return the effect of N, T, M, Y of each wheel in each row [n, W, 2, R, 4].
+
+        Then follows its change for one deviation of the contact angles.
+        """
+        nominal = self.nominal
+        joints = nominal.carried.shape[0]
+        known = torch.isfinite(view.bogie_angle)
+        angle = torch.where(known, view.bogie_angle, 0.0).unsqueeze(1).narrow(1, 0, joints)
+        body = wheel_balances(
+            geometry, self.wheel_y, motion.steering, view.contact_angle, angle
+        )  # [n, 2, 6 + J, W, 4]
+        deviation = torch.stack(
+            [torch.ones_like(view.contact_angle_sd), view.contact_angle_sd], 1
+        ).unsqueeze(2)
+        body = body * deviation.unsqueeze(-1)
+        along, across, yaw, up, pitch, roll, of_joints = body.split_with_sizes(
+            [1, 1, 1, 1, 1, 1, joints], 2
+        )
+        scale = nominal.body_scale
+        along = along * scale[0]
+        moments = torch.cat([pitch, of_joints], 2) * scale[2:].unsqueeze(-1).unsqueeze(-1)
+        wheels = view.slip.shape[1]
+        torque = nn.functional.pad(torch.eye(wheels, dtype=body.dtype).unsqueeze(-1), [2, 1])
+        torques = torch.stack([torque, torch.zeros_like(torque)]).expand(
+            body.shape[0], -1, -1, -1, -1
+        )
+        across, yaw, roll = across * scale[0], yaw * scale[2], roll * scale[2]
+        rows = torch.cat([along, up * scale[1], torques, along, moments, roll, across, yaw], 2)
+        return rows.permute(0, 3, 1, 2, 4)
+
+    def frame(self, packed: Tensor, contact: ContactModel) -> Frame:
+        """Return the frame of observations [n, P], with all rows as an instant has them.
+
+        Accelerations of the last two are the slopes of the block.
+        """
+        slip = view_of(packed, self.axles).slip
+        straight = frame_of(with_slip(packed, self.inside(slip)), contact)
+        usable = straight.usable
+        own = with_slip(straight.measured.packed, torch.where(usable, slip, contact.stand_in[0]))
+        view = view_of(own, self.axles)
+        motion = safe_motion(body_motion(view), usable)
+        slope, _ = block_slopes(view.step)
+        levers = self.levers(view, motion, contact.geometry)
+        enough = 1.0 if packed.shape[0] >= self.fewest else 0.0
+        there = torch.full_like(straight.used[:, :1], enough) * straight.used[:, 0].amin()
+        ahead, up, others = straight.target.split_with_sizes([1, 1, levers.shape[3] - 5], 1)
+        up = up * torch.cos(motion.roll).unsqueeze(1)
+        lateral = (slope * self.beside(motion)).mean() + self.pulled(view, motion)
+        turning = torch.zeros_like(lateral) + (slope * motion.yaw_rate).mean() * self.yaw_inertia
+        beside = torch.stack([torch.zeros_like(lateral), lateral, turning], 1)
+        rolling = torch.full_like(there, contact.moment_variance)
+        unsteady = (self.unsteady_share * self.unsteady).expand(packed.shape[0], -1)
+        return Frame(
+            view,
+            usable,
+            levers,
+            nn.functional.pad(straight.tilt, [0, 3]),
+            torch.cat([ahead, up, others, beside], 1),
+            torch.cat([straight.variance, rolling, unsteady], 1),
+            torch.cat([straight.used, straight.used[:, -1:], there, there], 1),
+        )
+
+    def beside(self, motion: BodyMotion) -> Tensor:
+        """Return the lateral velocity [n] [m/s] of the centre of mass."""
+        return motion.lateral + self.nominal.centre[0] * motion.yaw_rate
+
+    def pulled(self, view: PackedView, motion: BodyMotion) -> Tensor:
+        """Return omega v_x + g sin(roll) [n] [m/s^2]."""
+        return motion.yaw_rate * view.velocity + self.gravity * torch.sin(motion.roll)
+
+    def rows(
+        self, frame: Frame, likely: Tensor, contact: ContactModel, doubt: Tensor | None
+    ) -> Rows:
+        """Return the rows in a frame, expanded at ``likely`` [n, P], less the excess of doubt.
+
+        Behind the sources of a planar rover stand the lateral velocity, the yaw rate, the roll.
+        """
+        place = places(likely, frame, contact)
+        where = varied_inputs(place, contact)
+        motion = safe_motion(body_motion(place), frame.usable)
+        left = self.hub_velocity(motion)
+        rim, along, across = motion_across(where.slip, motion.rim, motion.steering, left)
+        own = 2  # of the stencil: slip and sinkage as they are
+        moved = WheelMotion(
+            torch.cat([rim, rim[own : own + 1]]),
+            torch.cat([along, along[own : own + 1]]),
+            torch.cat([across, across[own : own + 1] + self.small]),
+        )
+        sets = torch.cat([where.constants, where.constants[own : own + 1]])
+        sinkage = torch.cat([where.sinkage, where.sinkage[own : own + 1]])
+        every = rolling_forces(moved, sinkage, sets, contact.radius, contact.width, contact.nodes)
+        evaluated = every[:-1]
+        by_across = (every[-1] - every[own]) * (contact.column_unit / self.small)  # [n, W, 4, 3]
+        forces = measured_forces(frame, place, read_forces(evaluated, where.scale, contact, doubt))
+        measured = safe_motion(body_motion(frame.measured), frame.usable)
+        faster = 1.0 / (motion.rim.abs() * torch.cos(motion.steering))
+        further = (self.hub_velocity(measured) - left) * faster
+        values = forces.values + nn.functional.pad(
+            (by_across * further.unsqueeze(-1).unsqueeze(-1)).unsqueeze(0),
+            [0, 0, 0, 0, 0, 0, 0, 0, 0, forces.values.shape[0] - 1],
+        )
+        rows = rows_of_forces(frame, Forces(values, forces.by_slip, forces.by_sinkage))
+        return self.with_motion(rows, frame, measured, by_across * faster[:, :, None, None])
+
+    def with_motion(self, rows: Rows, frame: Frame, motion: BodyMotion, by_left: Tensor) -> Rows:
+        """Return the rows with the errors of lateral velocity, yaw rate and roll as sources.
+
+        ``by_left`` [n, W, 4, 3] is the change of the forces by the hubs' velocity to the left.
+        """
+        view = frame.measured
+        acting = frame.levers[:, :, 0] @ by_left  # [n, W, R, 3]
+        of_lateral = acting.sum(1) * motion.lateral_sd[:, None, None]
+        turned = (acting * self.nominal.axle_x[:, None, None]).sum(1)
+        of_yaw = turned * motion.yaw_rate_sd[:, None, None]
+        moved = torch.stack([of_lateral, of_yaw, torch.zeros_like(of_yaw)], 2)  # [n, R, 3, 3]
+        # the change of a row is less that of its target
+        none = torch.zeros_like(motion.roll)
+        level = self.gravity * torch.cos(motion.roll) * view.pitch_sd
+        lateral = torch.stack([none, view.velocity * motion.yaw_rate_sd, level], 1)
+        moved = moved - self.in_last(lateral, torch.zeros_like(lateral), moved.shape[1])
+        sources = nn.functional.pad(
+            moved.unsqueeze(0), [0, 0, 0, 0, 0, 0, 0, 0, 0, rows.noise.shape[0] - 1]
+        )
+        noise = torch.cat([rows.noise, sources], 3)
+        return Rows(rows.features, noise, rows.target, rows.variance, rows.used, rows.taken)
+
+    def in_last(self, lateral: Tensor, turning: Tensor, rows: int) -> Tensor:
+        """Return values [n, S] of S sources in the last two of R rows, [n, R, S, 3]."""
+        both = torch.stack([lateral, turning], 1).unsqueeze(-1)
+        return nn.functional.pad(both, [2, 0, 0, 0, rows - 2, 0])
+
+    def of_slopes(self, rows: Rows, frame: Frame) -> Rows:
+        """Return the rows whose mean over the block has the slopes in the last two."""
+        view, count = frame.measured, rows.target.shape[1]
+        motion = safe_motion(body_motion(view), frame.usable)
+        slope, share = block_slopes(view.step)
+        weight = torch.cat(
+            [torch.ones_like(rows.target[:, : count - 2]), share.unsqueeze(1).expand(-1, 2)], 1
+        )
+        lateral = slope * self.beside(motion) + share * self.pulled(view, motion)
+        turning = slope * motion.yaw_rate * self.yaw_inertia
+        target = torch.cat(
+            [rows.target[:, : count - 2], lateral.unsqueeze(1), turning.unsqueeze(1)], 1
+        )
+        none = torch.zeros_like(slope)
+        by_yaw = slope * motion.yaw_rate_sd
+        read = self.in_last(
+            torch.stack([slope * motion.lateral_sd, by_yaw * self.nominal.centre[0], none], 1),
+            torch.stack([none, by_yaw * self.yaw_inertia, none], 1),
+            count,
+        )
+        noise = rows.noise * weight[:, :, None, None]
+        read = nn.functional.pad(
+            read.unsqueeze(0),
+            [0, 0, noise.shape[3] - 3, 0, 0, 0, 0, 0, 0, noise.shape[0] - 1],
+        )
+        variance = nn.functional.pad(
+            rows.variance[:, : count - 2], [0, 2], value=self.nominal.moment_variance
+        )
+        features = rows.features * weight.unsqueeze(-1)
+        return Rows(features, noise - read, target, variance, rows.used, rows.taken)
+
+    def agreed(
+        self, frame: Frame, packed: Tensor, contact: ContactModel, theta: Tensor, chosen: Tensor
+    ) -> Agreement:
+        """Return the inputs on which the rows agree best, as ``agreement`` does for a planar rover.
+
+        Wheels that slip little turn their shear far with a small motion across: the steps are
+        repeated.
+        """
+        alone, wheels = values_alone(contact), self.axles
+        likely, doubt = packed, torch.zeros_like(packed[:, : 3 * wheels])
+        view = view_of(packed, wheels)
+        motion = body_motion(view)
+        for _ in range(self.rounds):
+            rows = self.rows(frame, likely, alone, None)
+            others = rows.used.shape[1] - 1
+            used = (rows.used * chosen).narrow(1, 1, others)
+            noise = (rows.noise[0] @ theta).narrow(1, 1, others) * used.unsqueeze(-1)
+            short = (rows.target - rows.features[0] @ theta).narrow(1, 1, others) * used
+            own = rows.variance.narrow(1, 1, others) * used + (1.0 - used)
+            factor = cholesky(noise @ noise.transpose(1, 2) + torch.diag_embed(own))
+            white = torch.linalg.solve_triangular(
+                factor, torch.cat([noise, short.unsqueeze(-1)], 2), upper=False
+            )
+            told, surprise = white.split_with_sizes([noise.shape[2], 1], 2)
+            error = (told * surprise).sum(1).clamp(-self.largest, self.largest)
+            faster, deeper, _, aside, turned, _ = error.split_with_sizes(
+                [wheels, wheels, wheels + 1, 1, 1, 1], 1
+            )
+            slip = view.slip + view.slip_sd * faster
+            sunk = torch.maximum(view.sinkage + view.sinkage_sd * deeper, 0.3 * view.sinkage)
+            possible = are_usable(self.inside(slip), sunk, view.contact_angle, contact)
+            slip = torch.where(possible, slip, view.slip)
+            sunk = torch.where(possible, sunk, view.sinkage)
+            lateral = motion.lateral + motion.lateral_sd * aside.squeeze(1)
+            yaw_rate = motion.yaw_rate + motion.yaw_rate_sd * turned.squeeze(1)
+            likely = with_sinkage(with_slip(packed, slip), sunk)
+            likely = with_body_motion(likely, lateral, yaw_rate)
+            of_slip, of_sinkage, _ = told.split_with_sizes(
+                [wheels, wheels, noise.shape[2] - 2 * wheels], 2
+            )
+            left = [
+                1.0 - (of_slip * of_slip).sum(1),
+                1.0 - (of_sinkage * of_sinkage).sum(1),
+                -(of_slip * of_sinkage).sum(1),
+            ]
+            doubt = torch.cat(left, 1)
+        return Agreement(likely, doubt.view(-1, 3, wheels))
+
+    def average(
+        self, packed: Tensor, learnt: Tensor, soil: int, expansion: Tensor, chosen: Tensor
+    ) -> SoilRows:
+        """Return the rows of a block [n, P] on a soil; arguments as of the nominal physics."""
+        deviations = expansion[2:]
+        contact = self.nominal.contact(soil, deviations)
+        theta = torch.cat([expansion[:2], torch.ones_like(expansion[:1])])
+        view = view_of(packed, self.axles)
+        known = torch.where(moves(body_motion(view)), view.slip, float("nan"))
+        packed = with_slip(packed, known)
+        frame = self.frame(packed, contact)
+        agreed = self.agreed(frame, packed, contact, theta, chosen)
+        rows = self.rows(frame, agreed.inputs, contact, agreed.doubt)
+        return self.nominal.averaged(
+            self.of_slopes(rows, frame), packed, learnt, deviations, chosen
+        )
+
+    def drive_row(
+        self, view: PackedView, constants: Tensor, varied: Tensor, deviations: Tensor
+    ) -> Tensor:
+        """Return the velocity row of one observation and its changes, as rows.drive_row does."""
+        del deviations
+        contact = self.nominal.contact_of(constants, varied)
+        motion = body_motion(view)
+        rim, along, across = motion_across(
+            view.slip, motion.rim, motion.steering, self.hub_velocity(motion)
+        )
+        sets = (constants + varied).unsqueeze(1)
+        forces = rolling_forces(
+            WheelMotion(rim, along, across), view.sinkage, sets, contact.radius, contact.width,
+            contact.nodes,
+        )  # fmt: skip
+        sine, cosine = torch.sin(view.contact_angle), torch.cos(view.contact_angle)
+        left, ahead = torch.sin(motion.steering), torch.cos(motion.steering)
+        lever = torch.stack([-sine * ahead, cosine * ahead, torch.zeros_like(sine), -left], -1)
+        row = (lever.unsqueeze(-1) * forces).sum([1, 2]) * (
+            contact.column_unit * contact.body_scale[0]
+        )
+        return torch.cat([row[:1], 1e3 * (row[1:] - row[:1])])
+
+    def reevaluations(self, packed: Tensor) -> int:
+        """Return 0: the rows of a block are evaluated once."""
+        del packed
+        return 0
+
+    def has_moved(self, before: Tensor, after: Tensor) -> Tensor:
+        """Return whether other rows would be needed, as the nominal physics does."""
+        return self.nominal.has_moved(before, after)
+
+    def effect_sizes(self, mean: Tensor, variance: Tensor) -> Tensor:
+        """Return the moments [J, 2] of the sizes of J = 0 named effects."""
+        return self.nominal.effect_sizes(mean, variance)

@@ -1,0 +1,303 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""A model by wheel: its rows hold for a rover that turns, and the estimator learns in turns."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from rover_parameters.records import ConfigError
+from rover_sim_node.config import FOLLOW, SimulatorConfig
+from rover_sim_node.messages import step_messages
+from rover_sim_node.turning_run import TurningRun
+from terrain_estimator.config.estimator import ConversionConfig, CoreConfig, EstimatorConfig
+from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.learning.adding import Sized, with_effects
+from terrain_estimator.learning.by_wheel import build_model_by_wheel
+from terrain_estimator.learning.export import export
+from terrain_estimator.learning.restore import restore
+from terrain_estimator.messaging.averaging import Averager, averaged
+from terrain_estimator.messaging.conversion import Conversion, Converter
+from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.metadata import ModelFileError, Training
+from terrain_estimator.model.model_file import load_model
+from terrain_estimator.model.packed_observation import TurningBody, pack, unpacked
+from terrain_estimator.model.row_names import row_names_by_wheel
+from terrain_estimator.observation import Observation
+from terrain_estimator.outcome import Outcome
+from terrain_estimator.update import Update
+from terramechanics.presets import load_rover, load_soil
+from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.wheel_places import WheelPlaces
+
+LOOSE = load_soil("loose_sand")
+INPUTS = ("wheel_slip", "wheel_sinkage", "odom", "joint_states", "imu")
+TRACK = {"four_wheel_rover": 0.57, "mars_rover": 1.0}
+Twist = tuple[float, float]  # v_x [m/s], yaw rate [rad/s]
+SKID: tuple[Twist, ...] = ((0.2, 0.0), (0.25, 0.4), (0.2, 0.0), (0.25, -0.4))
+STEERED: tuple[Twist, ...] = ((0.08, 0.0), (0.1, 0.04), (0.08, 0.0), (0.1, -0.04))
+
+
+def places_of(rover: Rover, *, steered: bool) -> WheelPlaces:
+    return WheelPlaces.of(rover, TRACK[rover.name], rover.wheel_names if steered else ())
+
+
+def written(rover: Rover, places: WheelPlaces, path: Path) -> LoadedModel:
+    model = build_model_by_wheel(rover, places, [LOOSE])
+    export(model, rover, [LOOSE], Training(0, 0, 0.0, torch.__version__), path, places)
+    return load_model(str(path))
+
+
+@pytest.fixture(scope="module")
+def skid(tmp_path_factory: pytest.TempPathFactory) -> LoadedModel:
+    rover = load_rover("four_wheel_rover")
+    path = tmp_path_factory.mktemp("skid") / "skid.pt"
+    return written(rover, places_of(rover, steered=False), path)
+
+
+@pytest.fixture(scope="module")
+def steered(tmp_path_factory: pytest.TempPathFactory) -> LoadedModel:
+    rover = load_rover("mars_rover")
+    path = tmp_path_factory.mktemp("steered") / "steered.pt"
+    return written(rover, places_of(rover, steered=True), path)
+
+
+def observations(
+    model: LoadedModel,
+    twists: Sequence[Twist],
+    seconds: float,
+    *,
+    noise: float = 1.0,
+    seed: int = 0,
+) -> list[Observation]:
+    """Return what the node makes of the messages of a drive, with ``seconds`` for each twist."""
+    name = model.rover.name
+    config = SimulatorConfig(
+        rover=name,
+        steering="all_wheels" if any(model.metadata.steered) else "skid",
+        schedule=FOLLOW,
+        track_width=TRACK[name],
+        noise=noise,
+        seed=seed,
+    )
+    run, found = TurningRun(config), []
+    core = CoreConfig().of_model(by_wheel=True)
+    converter = Converter(model.rover, ConversionConfig(), core, model.metadata.steered)
+    for ahead, turn in twists:
+        for _ in range(round(10.0 * seconds)):
+            run.commands.request((ahead, 0.0, 0.0), (0.0, 0.0, turn))
+            reading = run.step()
+            stamp_ns = round(1e9 * reading.time)
+            messages = step_messages(reading, config, stamp_ns, 0)
+            one = converter.convert(stamp_ns, tuple(messages[each] for each in INPUTS)).observation
+            assert one is not None
+            found.append(one)
+    return found
+
+
+def driven(model: LoadedModel, observed: Sequence[Observation]) -> list[Update]:
+    estimator = Estimator(model, CoreConfig())
+    return [estimator.update(each) for each in observed]
+
+
+def packed(model: LoadedModel, observed: Sequence[Observation]) -> Tensor:
+    rover = model.rover
+    body = TurningBody(rover.wheel_radius, rover.gravity, rover.centre_of_mass_x)
+    rows = [pack(each, each.torque.tolist(), 0.1, linked=True, body=body) for each in observed]
+    return torch.from_numpy(np.array(rows))
+
+
+def exact(observed: Observation) -> Observation:
+    """Return the observation with deviations that let rows be expanded where they were measured."""
+    tiny = {f"{name}_sd": np.full_like(observed.slip, 1e-6) for name in ("slip", "contact_angle")}
+    tiny["sinkage_sd"] = np.full_like(observed.slip, 1e-9)
+    still = {"lateral_velocity_sd": 1e-6, "yaw_rate_sd": 1e-6, "pitch_sd": 1e-6}
+    return dataclasses.replace(observed, **tiny, **still)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("name", "turn"), [("skid", (0.25, 0.4)), ("steered", (0.08, 0.04)), ("skid", (-0.2, -0.2))]
+)
+def test_all_rows_hold_at_the_truth_in_a_steady_turn(
+    name: str, turn: Twist, request: pytest.FixtureRequest
+) -> None:
+    model: LoadedModel = request.getfixturevalue(name)
+    found = [exact(each) for each in observations(model, [turn], 8.0, noise=0.0)][-10:]
+    wheels, joints = len(model.rover.wheels), len(model.rover.suspension)
+    twin = build_model_by_wheel(
+        model.rover, places_of(model.rover, steered=name == "steered"), [LOOSE]
+    )
+    block = packed(model, found)
+    expansion = torch.zeros(2 + twin.layout.constants, dtype=torch.float64)
+    expansion[:2] = torch.tensor([LOOSE.cohesion / 1e3, LOOSE.tan_phi])
+    rows = twin.physics.average(block, twin.learnt(block), 0, expansion, twin.every_row).rows
+    short = rows.target - rows.offset - rows.linear[:, :2] @ expansion[:2]
+    by_name = dict(zip(row_names_by_wheel(wheels, joints), short[1:].tolist(), strict=True))
+    assert not rows.present.eq(0.0).any()
+    # the velocity does not change: its row is the acceleration over the block, in m/s
+    largest = {"lateral_velocity": 2e-3, "yaw_rate": 1e-5}
+    for row, value in by_name.items():
+        assert abs(value) < largest.get(row, 1e-3), row
+
+
+def test_every_row_is_used(skid: LoadedModel) -> None:
+    updates = driven(skid, observations(skid, [(0.25, 0.0)], 1.0))
+    assert updates[-1].decision.rows_used == skid.rows
+
+
+@pytest.mark.parametrize(("name", "twists"), [("skid", SKID), ("steered", STEERED)])
+def test_intervals_hold_in_turns_of_which_nothing_is_refused(
+    name: str, twists: tuple[Twist, ...], request: pytest.FixtureRequest
+) -> None:
+    """3 drives of 32 s: with 95 % intervals 2 or more misses of 6 have a probability of 3 %."""
+    model: LoadedModel = request.getfixturevalue(name)
+    truth, held = np.array([LOOSE.cohesion, LOOSE.tan_phi]), []
+    for seed in range(3):
+        updates = driven(model, observations(model, twists, 8.0, seed=seed))
+        refused = [each.decision.detail for each in updates if not each.decision.outcome.used]
+        assert not refused
+        estimate = updates[-1].estimate
+        held += ((estimate.lower_95 <= truth) & (truth <= estimate.upper_95)).tolist()
+        deviation = np.sqrt(np.diag(estimate.covariance))
+        assert deviation[0] < 500.0
+        assert deviation[1] < 0.06
+        assert not updates[-1].disagreements
+    assert sum(held) >= 5
+
+
+def test_a_turn_tells_more_than_driving_straight(skid: LoadedModel) -> None:
+    deviations = []
+    for twists in ([(0.25, 0.0)], [(0.25, 0.4)]):
+        estimate = driven(skid, observations(skid, twists, 20.0))[-1].estimate
+        deviations.append(np.sqrt(np.diag(estimate.covariance)))
+    assert (deviations[1] < deviations[0]).all()
+    assert deviations[1][0] < 0.85 * deviations[0][0]
+
+
+def test_backing_out_is_used(skid: LoadedModel) -> None:
+    updates = driven(skid, observations(skid, [(-0.2, 0.1)], 15.0))
+    assert all(each.decision.outcome.used for each in updates)
+    estimate = updates[-1].estimate
+    truth = np.array([LOOSE.cohesion, LOOSE.tan_phi])
+    assert ((estimate.lower_95 <= truth) & (truth <= estimate.upper_95)).all()
+    assert estimate.seconds.taken > 10
+
+
+REFUSED: tuple[tuple[dict[str, object], Outcome, str], ...] = (
+    ({"yaw_rate": math.nan}, Outcome.NOT_FINITE, "yaw rate is nan, which a model by wheel needs"),
+    ({"roll": math.nan}, Outcome.NOT_FINITE, "roll is nan"),
+    ({"roll": 0.7}, Outcome.OUT_OF_RANGE, "roll 0.7 is not within +-0.5"),
+    ({"lateral_velocity_sd": 0.0}, Outcome.BAD_DEVIATION, "of lateral velocity is 0"),
+    ({"wheel_rate": np.array([1.0, math.nan, 1.0, 1.0])}, Outcome.NOT_FINITE, "front_right: wheel"),
+    ({"steering": np.array([0.0, 0.0, 1.2, 0.0])}, Outcome.OUT_OF_RANGE, "rear_left: steering 1.2"),
+    ({"steering": np.full(4, math.nan)}, Outcome.NOT_FINITE, "front_left: steering is nan"),
+    ({"sinkage": np.array([0.01, 0.01, math.nan, 0.01])}, Outcome.NOT_FINITE, "left: sinkage is"),
+    ({"slip": np.array([3.5, 0.1, 0.1, 0.1])}, Outcome.OUT_OF_RANGE, "wheel front_left: slip 3.5"),
+)
+
+
+@pytest.mark.parametrize(("changes", "outcome", "words"), REFUSED)
+def test_what_does_not_tell_how_a_wheel_moves_is_refused_by_name(
+    skid: LoadedModel, changes: dict[str, object], outcome: Outcome, words: str
+) -> None:
+    estimator = Estimator(skid, CoreConfig())
+    good = observations(skid, [(0.25, 0.1)], 1.0)
+    for each in good[:-1]:
+        estimator.update(each)
+    update = estimator.update(dataclasses.replace(good[-1], **changes))  # type: ignore[arg-type]
+    assert update.decision.outcome is outcome
+    assert words in update.decision.detail
+    after = dataclasses.replace(good[-1], stamp_ns=good[-1].stamp_ns + 100_000_000)
+    assert estimator.update(after).decision.outcome.used
+
+
+def test_a_saved_state_goes_on_with_the_same_bytes(steered: LoadedModel) -> None:
+    found = observations(steered, STEERED, 4.0)
+    first, second = Estimator(steered, CoreConfig()), Estimator(steered, CoreConfig())
+    for each in found[:87]:
+        first.update(each)
+    second.restore(first.save())
+    for each in found[87:-1]:
+        first.update(each)
+        second.update(each)
+    one, other = first.update(found[-1]), second.update(found[-1])
+    assert one.estimate.mean.tobytes() == other.estimate.mean.tobytes()
+    assert one.estimate.covariance.tobytes() == other.estimate.covariance.tobytes()
+
+
+def test_fast_readings_are_averaged_with_their_steering(steered: LoadedModel) -> None:
+    config = EstimatorConfig()
+    core = config.core.of_model(by_wheel=True)
+    averager = Averager(steered.rover, core, steered.metadata.wheels)
+    readings = observations(steered, [(0.1, 0.04)], 3.0)
+    spread = [
+        dataclasses.replace(each, stamp_ns=readings[0].stamp_ns + step * 20_000_000)
+        for step, each in enumerate(readings)
+    ]
+    conversions = (Conversion(each.stamp_ns, each) for each in spread)
+    *_, last = (each.observation for each in averaged(conversions, averager))
+    assert last is not None
+    assert last.steering is not None
+    own = [each for each in spread if 0 <= last.stamp_ns - each.stamp_ns < 100_000_000]
+    assert len(own) == 5
+    expected = np.mean([each.steering for each in own if each.steering is not None], axis=0)
+    np.testing.assert_allclose(last.steering, expected, rtol=1e-12)
+    np.testing.assert_allclose(last.yaw_rate_sd, own[0].yaw_rate_sd / math.sqrt(5.0), rtol=1e-12)
+
+
+def test_an_observation_is_unpacked_as_it_was_packed(steered: LoadedModel) -> None:
+    given = observations(steered, [(0.1, 0.04)], 1.0)[-1]
+    found, step, linked = unpacked(packed(steered, [given])[0].numpy(), 6)
+    assert (step, linked) == (0.1, 1.0)
+    np.testing.assert_array_equal(found.slip, given.slip)
+    np.testing.assert_array_equal(found.steering, given.steering)
+    np.testing.assert_allclose(found.wheel_rate, steered.rover.wheel_radius * given.wheel_rate)
+    assert (found.yaw_rate, found.roll) == (given.yaw_rate, given.roll)
+
+
+def test_gravity_and_the_turn_pull_together_on_the_packed_pitch() -> None:
+    body = TurningBody(0.2, 9.81, 0.1)
+    nothing = np.zeros(1)
+    flat = Observation(
+        stamp_ns=0,
+        slip=nothing,
+        slip_sd=nothing,
+        sinkage=nothing,
+        sinkage_sd=nothing,
+        contact_angle=nothing,
+        contact_angle_sd=nothing,
+        wheel_rate=nothing,
+        torque=nothing,
+        torque_sd=nothing,
+        velocity=0.2,
+        velocity_sd=0.01,
+        pitch=0.05,
+        pitch_sd=0.01,
+        acceleration=0.0,
+        acceleration_sd=0.1,
+        lateral_velocity=0.3,
+        yaw_rate=0.5,
+    )
+    pulled = 9.81 * math.sin(0.05) - 0.5 * (0.3 + 0.1 * 0.5)
+    assert math.sin(body.pitch(flat)) == pytest.approx(pulled / 9.81, rel=1e-12)
+
+
+def test_what_needs_a_model_by_axle_refuses_one_by_wheel(skid: LoadedModel) -> None:
+    with pytest.raises(ConfigError, match="is by wheel; named effects need one by axle"):
+        with_effects(skid, [Sized.of_library("coulomb_drag")])
+    with pytest.raises(ModelFileError, match="is by wheel: give one that is by axle"):
+        restore(skid)
+    with pytest.raises(ConfigError, match=r"knows law wong_reece alone, not scm"):
+        build_model_by_wheel(
+            skid.rover,
+            places_of(skid.rover, steered=False),
+            [dataclasses.replace(LOOSE, law="scm", c2=0.0)],
+        )
+    with pytest.raises(ConfigError, match="use_sinkage"):
+        Estimator(skid, CoreConfig(use_sinkage=False))
