@@ -53,6 +53,7 @@ setup(
             "fleet = terrain_estimator.cli.fleet:main",
             "export_core = terrain_estimator.cli.export_core:main",
             "export_urdf = terrain_estimator.cli.export_urdf:main",
+            "model_by_wheel = terrain_estimator.cli.model_by_wheel:main",
             "find_missing_effect = terrain_estimator.cli.find_missing_effect:main",
             "demo = terrain_estimator.cli.demo:main",
             "rate_check = terrain_estimator.cli.rate_check:main",

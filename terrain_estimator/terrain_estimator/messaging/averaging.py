@@ -18,7 +18,7 @@ import math
 import statistics
 from bisect import bisect_right
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -174,11 +174,14 @@ class RateWindow:
 class Averager:
     """Pass, average or refuse the readings of one rover; its memory is that of one step."""
 
-    def __init__(self, rover: Rover, config: CoreConfig) -> None:
-        """Start without a reading; a reading enters a mean as ``config`` lets it be used."""
+    def __init__(self, rover: Rover, config: CoreConfig, wheels: Sequence[str] = ()) -> None:
+        """Start without a reading; a reading enters a mean as ``config`` lets it be used.
+
+        ``wheels`` are the names of those of a model by wheel.
+        """
         # noise must not sort the readings of a turn: the estimator judges their mean
         self._config = dataclasses.replace(config, roll_limit=0.0, turn_limit=0.0)
-        self._rover = rover
+        self._rover, self._wheels = rover, wheels
         self.reset()
 
     def reset(self) -> None:
@@ -304,13 +307,13 @@ class Averager:
         config, rover = self._config, self._rover
         given = reading
         reading = as_configured(reading, rover, config)
-        screening = screen(reading, None, rover, config)
+        screening = screen(reading, None, rover, config, wheels=self._wheels)
         if screening.outcome is not Outcome.OUT_OF_RANGE:
             return _as_given(screening, given) if screening.outcome.used else screening
         slip = _inside(reading.slip, reading.slip_sd, config.slip_minimum, config.slip_maximum)
         sinkage = _inside(reading.sinkage, reading.sinkage_sd, 0.0, rover.wheel_radius)
         moved = dataclasses.replace(reading, slip=slip, sinkage=sinkage)
-        again = screen(moved, None, rover, config)
+        again = screen(moved, None, rover, config, wheels=self._wheels)
         own = dataclasses.replace(again.observation, slip=reading.slip, sinkage=reading.sinkage)
         return _as_given(again._replace(observation=own), given)
 
@@ -379,4 +382,6 @@ def mean(readings: list[Observation], stamp_ns: int) -> Observation:
             own = np.array([getattr(each, f"{name}_sd") for each in readings])
             values[f"{name}_sd"] = np.sqrt(np.where(known, own**2, 0.0).sum(0)) / count
     scalars = {name: float(values[name]) for name in SCALAR_FIELDS}
-    return Observation(stamp_ns, **(values | scalars))  # type: ignore[arg-type]
+    steered = [each.steering for each in readings if each.steering is not None]
+    steering = np.mean(steered, axis=0) if steered else None
+    return Observation(stamp_ns, **(values | scalars), steering=steering)  # type: ignore[arg-type]

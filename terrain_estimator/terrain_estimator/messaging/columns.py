@@ -173,7 +173,7 @@ def observed(
     """
     rows = [None if row is None else row.columns for row in (*sets[0], None)[:5]]
     slip, sinkage, odom, joints, imu = rows
-    if slip is None or sinkage is None or odom is None:
+    if slip is None or sinkage is None or odom is None or any(converter.steering_joints):
         return None
     if not converter.core.use_imu:
         imu = None
@@ -185,7 +185,7 @@ def observed(
     def picked(columns: Columns, index: int) -> NDArray[np.void]:
         return columns.values[[row.at for each in sets if (row := each[index]) is not None]]
 
-    found = _Found(len(sets), converter.rover.axles)
+    found = _Found(len(sets), converter.stations)
     found.put("bogie_angle", [converter.known_angle] * len(sets))
     try:
         with np.errstate(all="ignore"):

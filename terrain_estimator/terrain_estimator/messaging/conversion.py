@@ -33,7 +33,7 @@ from terrain_estimator.messaging.conversion_rules import (
     usable,
 )
 from terrain_estimator.messaging.sizes import Oversized
-from terrain_estimator.observation import Observation
+from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import (
     LATERAL_IN_TWIST,
@@ -43,9 +43,18 @@ from terrain_estimator.topics import (
     YAW_IN_TWIST,
     Message,
 )
+from terramechanics.description.layout import STEERING_SUFFIX
 from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.wheel_places import wheel_order
 
 Groups = tuple[tuple[int, ...], ...]  # per axle: positions of its wheels in the message
+
+
+def stations_of(rover: Rover, *, by_wheel: bool) -> dict[str, int]:
+    """Return the place of every wheel in an observation: that of its axle, or one of its own."""
+    if by_wheel:
+        return {rover.wheel_names[k]: place for place, k in enumerate(wheel_order(rover))}
+    return dict(zip(rover.wheel_names, rover.wheel_axle, strict=True))
 
 
 class Mark(IntEnum):
@@ -98,10 +107,26 @@ class Converter:
     A set is (wheel_slip, wheel_sinkage, odom, joint_states or None, imu or None).
     """
 
-    def __init__(self, rover: Rover, config: ConversionConfig, core: CoreConfig) -> None:
-        """Prepare for one rover; ``core`` selects the sensors and the range of slip."""
+    def __init__(
+        self,
+        rover: Rover,
+        config: ConversionConfig,
+        core: CoreConfig,
+        steered: tuple[bool, ...] = (),
+    ) -> None:
+        """Prepare for one rover; ``core`` selects the sensors and the range of slip.
+
+        ``steered`` says of each wheel of a model by wheel whether a joint turns it: no wheels are
+        then averaged. Empty: the model is by axle.
+        """
         self.rover, self.config, self.core = rover, config, core
-        self._axles: dict[str, int] = dict(zip(rover.wheel_names, rover.wheel_axle, strict=True))
+        self._stations = stations_of(rover, by_wheel=bool(steered))
+        self.stations = max(self._stations.values()) + 1
+        # of each wheel, in the order of the stations; empty: nothing steers it
+        self.steering_joints = [
+            f"{name}{STEERING_SUFFIX}" if turns else ""
+            for name, turns in zip(self._stations, steered, strict=False)
+        ]
         absolute = 0.01 * 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
         self.torque_absolute_sd = config.torque_absolute_sd or absolute
         self.slip_bounds = Bounds(core.slip_minimum, core.slip_maximum)
@@ -109,7 +134,7 @@ class Converter:
         # without a joint, all axles are where the rover file has them
         self.known_angle = math.nan if rover.suspension else 0.0
         self.bogie_joints = {name.strip() for name in config.bogie_joint.split(",")}
-        self._joints_read = self.bogie_joints.union(self._axles)
+        self._joints_read = self.bogie_joints.union(self._stations)
         # by topic: the last names and their groups
         self._groups: dict[str, tuple[list[str], Groups]] = {}
 
@@ -215,6 +240,18 @@ class Converter:
             lateral_velocity_sd=lateral_velocity_sd,
             yaw_rate=yaw_rate,
             yaw_rate_sd=yaw_rate_sd,
+            steering=self._steering(joints),
+        )
+
+    def _steering(self, joints: Message) -> Floats | None:
+        """Return the angles [rad] of single wheels; NaN where a joint that steers is missing."""
+        if not any(self.steering_joints):
+            return None
+        known: dict[str, float] = {}
+        if joints is not None:
+            known = dict(zip(joints.name, joints.position.tolist(), strict=False))
+        return np.array(
+            [known.get(joint, math.nan) if joint else 0.0 for joint in self.steering_joints]
         )
 
     def _axle_means(self, signal: _Signal, notes: _Notes) -> tuple[list[float], list[float]]:
@@ -247,20 +284,20 @@ class Converter:
         cached = self._groups.get(topic)
         if cached is not None and cached[0] == names:
             return cached[1]
-        missing, foreign = self._axles.keys() - set(names), set(names) - self._axles.keys()
-        if missing or foreign or len(names) != len(self._axles):
+        missing, foreign = self._stations.keys() - set(names), set(names) - self._stations.keys()
+        if missing or foreign or len(names) != len(self._stations):
             raise WrongWheelsError(
                 f"{topic}: got wheels {list(names)}, the rover {self.rover.name} has"
-                f" {list(self._axles)}"
+                f" {list(self._stations)}"
             )
         return self._remember(topic, names)
 
     def _remember(self, topic: str, names: list[str]) -> Groups:
         """Find each axle's wheels among ``names``; keep the positions for the next message."""
-        axle_of = [self._axles.get(name) for name in names]
+        station_of = [self._stations.get(name) for name in names]
         groups = tuple(
-            tuple(at for at, axle in enumerate(axle_of) if axle == wanted)
-            for wanted in range(self.rover.axles)
+            tuple(at for at, station in enumerate(station_of) if station == wanted)
+            for wanted in range(self.stations)
         )
         self._groups[topic] = (list(names), groups)
         return groups
@@ -272,7 +309,7 @@ class Converter:
 
         NaN where a value is not measured.
         """
-        unknown = [math.nan] * self.rover.axles
+        unknown = [math.nan] * self.stations
         if joints is None:
             return unknown, unknown, unknown
         names = joints.name

@@ -74,11 +74,13 @@ class Pipeline:
         self.inputs = paired_inputs(use_imu=config.core.use_imu)
         self._index = {name: index for index, name in enumerate(self.inputs)}
         self._synchronizer = input_synchronizer(self.inputs, config.pairing)
-        rover = rover_of(model.metadata, config.rover)
+        metadata = model.metadata
+        rover = rover_of(metadata, config.rover)
         self.rover_name, self._wheels = rover.name, rover.wheel_names
         self._model, self._config = model, config
-        self._converter = Converter(rover, config.conversion, config.core)
-        self._averager = Averager(rover, config.core)
+        core = config.core.of_model(by_wheel=bool(metadata.wheels))
+        self._converter = Converter(rover, config.conversion, core, metadata.steered)
+        self._averager = Averager(rover, core, metadata.wheels)
         self._before: Arrays | None = None  # the state before the first reading
         warm_up(model, config)
         self._estimator = Estimator(model, config.core)
@@ -288,7 +290,7 @@ def warm_up(model: LoadedModel, config: EstimatorConfig) -> None:
     at the first observation.
     """
     estimator = Estimator(model, config.core)
-    axles = np.ones(model.rover.axles)
+    axles = np.ones(model.metadata.stations)
     step_ns = round(model.metadata.step_s * 1e9)
     for step in range(WARM_UP_STEPS):
         estimator.update(
@@ -318,6 +320,11 @@ def warm_up(model: LoadedModel, config: EstimatorConfig) -> None:
                 acceleration=0.0,
                 acceleration_sd=0.05,
                 bogie_angle=0.0,
+                roll=0.0,
+                lateral_velocity=0.0,
+                lateral_velocity_sd=0.01,
+                yaw_rate=0.0,
+                yaw_rate_sd=0.01,
             )
         )
 
@@ -334,6 +341,7 @@ def usable_rows(rows: tuple[str, ...], config: CoreConfig) -> tuple[str, ...]:
         "acceleration": config.use_imu,
         "moment": balances,
         "bogie_moment": balances,
+        "roll_moment": balances,
     }
     off = tuple(name for name, use in used.items() if not use)
     return tuple(row for row in rows if not row.startswith(off))
