@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test test-long colcon-test first-use lint train accuracy long change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag robustness measured names lateral off-plane sensors pages docs pictures measures sbom audit workspace environment clean
+.PHONY: help demo discover test test-long colcon-test first-use lint train accuracy long change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag robustness measured names lateral off-plane by-wheel sensors pages docs pictures measures sbom audit workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -113,6 +113,9 @@ bench: workspace  ## measure every speed that has a bar, beside references: out/
 
 soak: workspace  ## run three rovers for long, 38 minutes with four processors, 50 with two: does memory, a counter or a rate drift? out/soak.json, docs/faults.md
 	OMP_NUM_THREADS=1 ros2_ws/with python -m benchmarks.soak $(ARGS)
+
+by-wheel: workspace  ## what a model by wheel learns in turns, 15 minutes of one core: the tables of docs/lateral.md
+	OMP_NUM_THREADS=1 ros2_ws/with python -m studies.by_wheel $(ARGS)
 
 pages: workspace  ## write the pages and parameter files that follow from the code
 	ros2_ws/with python -m docs.pages

@@ -127,13 +127,16 @@ def information(sample: BodySample, strength: Tensor) -> Matrices:
     return at[..., :2], alone, -(by_velocity**2).diag_embed()
 
 
-def bound(matrices: list[Matrices], rows: tuple[int, ...]) -> Tensor:
+def bound(
+    matrices: list[Matrices], rows: tuple[int, ...], prior: tuple[float, ...] = PRIOR_SD
+) -> Tensor:
     """Return the deviations of c [Pa] and tan(phi) [drives, 2] after the samples, prior added.
 
-    Forward elimination of the block tridiagonal covariance, sample by sample.
+    With further parameters ``prior`` has theirs, too. Forward elimination of the block tridiagonal
+    covariance, sample by sample.
     """
     chosen = torch.tensor(rows)
-    total = torch.diag(torch.tensor(PRIOR_SD, dtype=torch.float64) ** -2.0)
+    total = torch.diag(torch.tensor(prior, dtype=torch.float64) ** -2.0)
     before: tuple[Tensor, Tensor] | None = None
     for features, alone, link in matrices:
         column, covariance = features[:, chosen], alone[:, chosen][:, :, chosen]

@@ -87,18 +87,32 @@ class Judged(NamedTuple):
 def drives(
     kind: Kind, yaw_rate: float, lean: float, samples: int = SAMPLES
 ) -> tuple[list[list[Observation]], Floats]:
-    """Return the observations of each drive, and the true strength [drives, 2].
-
-    ``lean`` [deg] is the slope across which the rovers drive, with their heading kept. Their speed
-    varies by a third.
-    """
+    """Return the observations of each drive, and the true strength [drives, 2]."""
     generator = torch.Generator().manual_seed(SEED)
+    constants = SOIL.constants().expand(DRIVES, 6)
+    driven, strength = simulated(kind, yaw_rate, lean, samples, constants, generator)
+    return _observed(load_rover(kind.rover), driven, strength, generator), strength.numpy()
+
+
+def simulated(
+    kind: Kind,
+    yaw_rate: float,
+    lean: float,
+    samples: int,
+    constants: Tensor,
+    generator: torch.Generator,
+) -> tuple[list[BodySample], Tensor]:
+    """Return the samples of all drives on ground of these ``constants`` [drives, 6].
+
+    Also the true strength [drives, 2]. ``lean`` [deg] is the slope across which the rovers drive,
+    with their heading kept. Their speed varies by a third.
+    """
     rover = load_rover(kind.rover)
     chassis = Chassis.of(rover, kind.track, kind.yaw_inertia)
     strength = Ground.random_strength(SOIL, DRIVES, generator).patches[0].strength
     simulation = BodySimulation(
         chassis,
-        SOIL.constants().expand(DRIVES, 6),
+        constants,
         strength,
         Plane(0.0, math.tan(math.radians(lean))),
     )
@@ -114,7 +128,7 @@ def drives(
         driven.append(simulation.step(*kind.command(chassis, twist)))
     if not bool(torch.stack([sample.solved for sample in driven]).all()):
         raise ArithmeticError(f"{kind.rover}, {yaw_rate} rad/s, {lean} deg: a step has no solution")
-    return _observed(rover, driven, strength, generator), strength.numpy()
+    return driven, strength
 
 
 def _observed(

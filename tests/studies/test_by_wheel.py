@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The study of a model by wheel: what it measures, and its bound."""
+
+import numpy as np
+import pytest
+import torch
+
+from studies import by_wheel, lateral
+from studies.by_wheel import BOUND_HEAD, HEAD, SKID, bound_lines, information, lines, observed
+from studies.off_plane import KINDS
+from terramechanics.vehicle.wheel_places import wheel_order
+
+
+@pytest.fixture(autouse=True)
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the drives beside the bound be three of 4 s."""
+    monkeypatch.setattr(lateral, "DRIVES", 3)
+    monkeypatch.setattr(lateral, "SAMPLES", 40)
+
+
+def test_a_line_counts_the_drives_of_its_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(by_wheel, "YAW_RATES", {"four_wheel_rover": (0.4,)})
+    monkeypatch.setattr(by_wheel, "LEANS", ())
+    ((motion, used, *_, held, _, wrong),) = lines(KINDS[0], drives=2, samples=30)
+    assert len(HEAD) == 7
+    assert motion == "0.4 rad/s commanded"
+    assert float(used.rstrip(" %")) > 90.0
+    assert held.endswith(" of 2")
+    assert wrong == "0"
+
+
+def test_every_wheel_is_measured_about_its_own_truth() -> None:
+    """3 drives of 40 samples: 480 slips, whose errors are within 5 of their deviations."""
+    assert wheel_order(SKID) == (0, 1, 2, 3)
+    samples, strength = lateral.drive(0.6)
+    found = observed(SKID, samples, strength, range(4), torch.Generator().manual_seed(1))
+    true = torch.stack([sample.slip for sample in samples], 1).numpy()
+    for drive, observations in enumerate(found):
+        for step, each in enumerate(observations):
+            error = (each.slip - true[drive, step]) / each.slip_sd
+            assert np.abs(error).max() < 5.0
+    spread = np.ptp([each.slip for each in found[0][10:]], axis=1)
+    assert spread.max() > 0.1  # the sides differ in a turn
+
+
+def test_more_that_is_unknown_widens_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    samples, strength = lateral.drive(0.6)
+    matrices = [information(sample, strength) for sample in samples]
+    rows = tuple(range(10))
+    known, unknown = (
+        lateral.bound(matrices, rows, (*lateral.PRIOR_SD, *deviations))[:, :2]
+        for deviations in ((1e-9,) * 3, (0.01, 0.02, 0.02))
+    )
+    assert (unknown >= known).all()
+    assert (unknown[:, 0] > 1.01 * known[:, 0]).any()
+    monkeypatch.setattr(by_wheel, "TURNING", (0.6,))
+    ((turning, *found),) = bound_lines(drives=2)
+    assert turning == "to 0.6 rad/s"
+    assert len(found) == len(BOUND_HEAD) - 1
+    assert all(float(value) > 0.8 for value in found[2].split(" / "))
