@@ -63,6 +63,13 @@ YAW_RATES = {"four_wheel_rover": (0.0, 0.2, 0.4, 0.6), "mars_rover": (0.0, 0.02,
 """[rad/s] commanded."""
 LEANS = (6.0, 10.0, 15.0)
 """[deg] of a slope across which the rover drives."""
+SHIFT = 0.01
+"""[m] Error of the centre of mass ahead, and to the right."""
+WRONG_CENTRE: dict[str, tuple[tuple[str, float, float], ...]] = {
+    "four_wheel_rover": (("0.4 rad/s commanded", 0.4, 0.0), ("across 10°", 0.0, 10.0)),
+    "mars_rover": (("0.05 rad/s commanded", 0.05, 0.0), ("across 10°", 0.0, 10.0)),
+}
+"""Words, yaw rate [rad/s] and slope across [deg] of motions with such an error."""
 TURNING = (0.0, 0.3, 0.6)
 """[rad/s] Largest commanded yaw rates of the drives beside the bound."""
 SKID = Rover(
@@ -229,19 +236,26 @@ def lines(kind: Kind, drives: int = DRIVES, samples: int = SAMPLES) -> Iterator[
     ]
     with tempfile.TemporaryDirectory() as folder:
         model = model_by_wheel(rover, places, DEFAULT_PRIOR, Path(folder) / "model.pt")
-    motions = [(f"{each:g} rad/s commanded", each, 0.0) for each in YAW_RATES[kind.rover]]
-    motions += [(f"across {lean:g}°", 0.0, lean) for lean in LEANS]
-    for words, yaw_rate, lean in motions:
+    motions = [(f"{each:g} rad/s commanded", each, 0.0, 0.0) for each in YAW_RATES[kind.rover]]
+    motions += [(f"across {lean:g}°", 0.0, lean, 0.0) for lean in LEANS]
+    off = "centre of mass off by 10 mm both ways"
+    motions += [
+        (f"{words}, {off}", yaw_rate, lean, SHIFT)
+        for words, yaw_rate, lean in WRONG_CENTRE[kind.rover]
+    ]
+    for words, yaw_rate, lean, shift in motions:
         generator = torch.Generator().manual_seed(SEED)
-        off = torch.rand(DRIVES, 6, generator=generator, dtype=torch.float64)
-        constants = SOIL.constants() * (1.0 + CONSTANTS_OFF * (2.0 * off - 1.0))
-        driven, strength = simulated(kind, yaw_rate, lean, samples, constants, generator)
+        drawn = torch.rand(DRIVES, 6, generator=generator, dtype=torch.float64)
+        constants = SOIL.constants() * (1.0 + CONSTANTS_OFF * (2.0 * drawn - 1.0))
+        driven, strength = simulated(
+            kind, yaw_rate, lean, samples, constants, generator, (shift, -shift)
+        )
         found = observed(rover, driven, strength, order, generator)[:drives]
         result = ended(model, found, strength.numpy()[:drives])
         error = np.median(np.abs(result.mean / result.truth - 1.0), 0)
         spread = np.median(result.deviation / result.truth, 0)
         held, whole = result.holds.sum(0), result.identified
-        wrong = (whole & ~result.holds.all(1)).sum()
+        outside = (whole & ~result.holds.all(1)).sum()
         yield (
             words if yaw_rate or lean else "straight, level",
             f"{100.0 * result.used:.0f} %",
@@ -249,7 +263,7 @@ def lines(kind: Kind, drives: int = DRIVES, samples: int = SAMPLES) -> Iterator[
             f"{100.0 * spread[0]:.1f} / {100.0 * spread[1]:.1f} %",
             f"{held[0]} / {held[1]} of {drives}",
             f"{whole.sum()}",
-            f"{wrong}",
+            f"{outside}",
         )
 
 

@@ -101,14 +101,18 @@ def simulated(
     samples: int,
     constants: Tensor,
     generator: torch.Generator,
+    shift: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[list[BodySample], Tensor]:
     """Return the samples of all drives on ground of these ``constants`` [drives, 6].
 
     Also the true strength [drives, 2]. ``lean`` [deg] is the slope across which the rovers drive,
-    with their heading kept. Their speed varies by a third.
+    with their heading kept. Their speed varies by a third. ``shift`` [m] moves the centre of mass
+    ahead and to the left.
     """
     rover = load_rover(kind.rover)
     chassis = Chassis.of(rover, kind.track, kind.yaw_inertia)
+    x, y, height = chassis.centre
+    chassis = dataclasses.replace(chassis, centre=(x + shift[0], y + shift[1], height))
     strength = Ground.random_strength(SOIL, DRIVES, generator).patches[0].strength
     simulation = BodySimulation(
         chassis,

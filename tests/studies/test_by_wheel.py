@@ -22,6 +22,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_line_counts_the_drives_of_its_motion(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(by_wheel, "YAW_RATES", {"four_wheel_rover": (0.4,)})
     monkeypatch.setattr(by_wheel, "LEANS", ())
+    monkeypatch.setattr(by_wheel, "WRONG_CENTRE", {"four_wheel_rover": ()})
     ((motion, used, *_, held, _, wrong),) = lines(KINDS[0], drives=2, samples=30)
     assert len(HEAD) == 7
     assert motion == "0.4 rad/s commanded"

@@ -14,6 +14,8 @@ SLIPS = (-0.6, 0.95)
 """[1] Least and largest slip of a model by axle."""
 SLIPS_BY_WHEEL = (-3.0, 3.0)
 """[1] The same of a model by wheel: wheels on the inner side of a turn are braked, or turn back."""
+BESIDE_SDS = (0.005, 0.003)
+"""[m/s], [rad/s] Supposed deviations of lateral velocity and yaw rate that refuse turns."""
 TURN_LIMIT = 0.07
 """[1] Share of the rims' speed that an axle may move sideways, see docs/lateral.md."""
 
@@ -119,8 +121,8 @@ class CoreConfig:
     )
 
     roll_limit: float = number(
-        "observations in which the rover leans further to a side are refused, since the model does"
-        " not; 0: no limit",
+        "observations in which the rover leans further to a side are refused, since a model by axle"
+        " does not; 0: no limit",
         "rad",
         0.0,
         1.6,
@@ -128,7 +130,7 @@ class CoreConfig:
     )
     turn_limit: float = number(
         "observations in which an axle moves sideways by more than this share of the rims' speed"
-        " and twice the noise are refused, since the model drives straight; 0: no limit",
+        " and twice the noise are refused, since a model by axle drives straight; 0: no limit",
         "1",
         0.0,
         10.0,
@@ -230,19 +232,21 @@ class ConversionConfig:
         key="default_sd.pitch",
     )
     default_lateral_velocity_sd: float = number(
-        "standard deviation of odom's lateral velocity without a variance; see turn_limit",
+        "standard deviation of odom's lateral velocity without a variance; see turn_limit. A model"
+        " by wheel, into whose estimate it enters, needs the variance, or another value here",
         "m/s",
         0.0,
         10.0,
-        default=0.005,
+        default=BESIDE_SDS[0],
         key="default_sd.lateral_velocity",
     )
     default_yaw_rate_sd: float = number(
-        "standard deviation of a yaw rate without a variance; see turn_limit",
+        "standard deviation of a yaw rate without a variance; see turn_limit. A model by wheel,"
+        " into whose estimate it enters, needs the variance, or another value here",
         "rad/s",
         0.0,
         10.0,
-        default=0.003,
+        default=BESIDE_SDS[1],
         key="default_sd.yaw_rate",
     )
     default_acceleration_sd: float = number(
@@ -254,6 +258,21 @@ class ConversionConfig:
         default=0.0,
         key="default_sd.acceleration",
     )
+
+    def of_model(self, *, by_wheel: bool) -> "ConversionConfig":
+        """Return the parameters for a model by axle, or for one by wheel, which supposes nothing.
+
+        An odometry that has no lateral velocity often publishes 0 with a variance of 0.
+        """
+        own = self.default_lateral_velocity_sd, self.default_yaw_rate_sd
+        if not by_wheel:
+            return self
+        lateral, turn = (
+            0.0 if value == usual else value for value, usual in zip(own, BESIDE_SDS, strict=True)
+        )
+        return dataclasses.replace(
+            self, default_lateral_velocity_sd=lateral, default_yaw_rate_sd=turn
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.consistency import Consistency, SecondFit, limit
 from terrain_estimator.estimator.forecasting import Forecast, Forecasting
 from terrain_estimator.estimator.intake import Intake
+from terrain_estimator.estimator.off_plane import SingleWheels
 from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, State, judged
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
 from terrain_estimator.estimator.screening import Screening, advised, as_configured, screen
@@ -71,7 +72,7 @@ class Estimator:
         self._effects = model.effects
         config = config.of_model(by_wheel=bool(model.metadata.wheels))
         self._config, self._balances_sinkage = config, model.balances_sinkage
-        self._wheels, self._body = _single_wheels(model)
+        self._wheels, self._body = SingleWheels.of(model.metadata), _turning_body(model)
         if not (config.use_sinkage or model.balances_sinkage):
             raise ConfigError(
                 f"parameter use_sinkage: model {model.model_id} needs every sinkage: it has named"
@@ -203,6 +204,7 @@ class Estimator:
             self._published_with,
             self._rows,
             self._stations,
+            self._wheels is not None,
             self._rover.wheel_radius,
             self._block,
             self._step_s,
@@ -305,7 +307,7 @@ class Estimator:
             outside = [k for k, usable in enumerate(report.usable) if not usable]
             which = f"axles {outside}"
             if self._wheels:
-                which = f"wheels {', '.join(self._wheels[k] for k in outside)}"
+                which = f"wheels {', '.join(self._wheels.names[k] for k in outside)}"
             needed = ", or have no wheel rate, which this model needs" if self._effects else ""
             return Decision(
                 Outcome.OUT_OF_RANGE,
@@ -464,11 +466,11 @@ class Estimator:
         )
 
 
-def _single_wheels(model: LoadedModel) -> tuple[tuple[str, ...], TurningBody | None]:
-    """Return names of the wheels of a model by wheel, and what packing them needs; else nothing."""
-    rover, names = model.rover, model.metadata.wheels
+def _turning_body(model: LoadedModel) -> TurningBody | None:
+    """Return what packing needs of a rover that turns; None where the model is by axle."""
+    rover = model.rover
     body = TurningBody(rover.wheel_radius, rover.gravity, rover.centre_of_mass_x)
-    return names, body if names else None
+    return body if model.metadata.wheels else None
 
 
 @functools.lru_cache

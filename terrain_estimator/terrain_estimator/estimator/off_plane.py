@@ -3,10 +3,11 @@
 """The refusal of what a planar model does not describe: a lean to a side, a turn, a slide."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.model.metadata import Metadata
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terramechanics.vehicle.rover import Rover
@@ -18,6 +19,8 @@ DEVIATIONS = (1e-9, 1e9)
 """[SI] Standard deviations outside have squares or ratios that overflow."""
 _STEEPEST_LEAN = 0.5
 """[rad] Roll beyond which the wheels of a model by wheel no longer press on a plane."""
+_STRONGEST_TURN = 0.2
+"""[g] No rover turns and slides with more; beyond it a sensor is broken or a unit is wrong."""
 _FASTEST_TURN = 10.0
 """[rad/s] No rover turns faster; beyond it a unit is wrong."""
 _TURN_BOUND = 2.0
@@ -94,25 +97,50 @@ def _known(value: float, deviation: float) -> tuple[float, float]:
     return (value, deviation) if math.isfinite(value) and deviation >= 0.0 else (0.0, 0.0)
 
 
-def refuse_motion(observation: Observation, wheels: Sequence[str]) -> Refusal:
+class SingleWheels(NamedTuple):
+    """What the screening needs of the wheels of a model by wheel."""
+
+    names: tuple[str, ...]
+    steered: bool  # whether joints turn any of them
+    gravity: float  # [m/s^2]
+
+    @classmethod
+    def of(cls, metadata: Metadata) -> "SingleWheels | None":
+        """Return those of a model; None where it is by axle."""
+        wheels = metadata.wheels
+        return cls(wheels, any(metadata.steered), metadata.rover.gravity) if wheels else None
+
+
+def refuse_motion(observation: Observation, wheels: SingleWheels) -> Refusal:
     """Refuse an observation that does not tell a model by wheel how each wheel moves.
 
     It needs lateral velocity, yaw rate and roll, and of every wheel its rate, and its steering
-    where a joint turns it. ``wheels`` are their names.
+    where a joint turns it.
     """
     limits = {"lateral_velocity": FASTEST, "yaw_rate": _FASTEST_TURN, "roll": _STEEPEST_LEAN}
     for name, limit in limits.items():
         value, what = getattr(observation, name), name.replace("_", " ")
         if not math.isfinite(value):
-            return Outcome.NOT_FINITE, f"{what} is {value}, which a model by wheel needs"
+            needed = f"{what} is {value}, which a model by wheel needs, with its variance"
+            return Outcome.NOT_FINITE, needed
         if abs(value) > limit:
             return Outcome.OUT_OF_RANGE, f"{what} {value:g} is not within +-{limit:g}"
         deviation = getattr(observation, f"{name}_sd", 1.0)
         if not DEVIATIONS[0] <= deviation <= DEVIATIONS[1]:
             return Outcome.BAD_DEVIATION, f"the standard deviation of {what} is {deviation:g}"
-    steering = observation.steering
-    angles = [0.0] * len(wheels) if steering is None else steering.tolist()
-    each = zip(wheels, observation.wheel_rate.tolist(), angles, strict=True)
+    pulled = abs(observation.lateral_velocity * observation.yaw_rate)
+    if pulled > _STRONGEST_TURN * wheels.gravity:
+        what = f"lateral velocity {observation.lateral_velocity:g} m/s"
+        turn = f"yaw rate {observation.yaw_rate:g} rad/s"
+        return Outcome.OUT_OF_RANGE, f"{what} times {turn} is beyond {_STRONGEST_TURN:g} g"
+    return _refuse_wheels(observation, wheels)
+
+
+def _refuse_wheels(observation: Observation, wheels: SingleWheels) -> Refusal:
+    steering, count = observation.steering, len(wheels.names)
+    unknown = math.nan if wheels.steered else 0.0
+    angles = [unknown] * count if steering is None else steering.tolist()
+    each = zip(wheels.names, observation.wheel_rate.tolist(), angles, strict=True)
     return next(filter(None, (_refuse_wheel(*wheel) for wheel in each)), None)
 
 
@@ -120,6 +148,8 @@ def _refuse_wheel(wheel: str, rate: float, steering: float) -> Refusal:
     for what, value in (("wheel rate", rate), ("steering", steering)):
         if not math.isfinite(value):
             return Outcome.NOT_FINITE, f"wheel {wheel}: {what} is {value}"
+    if rate == 0.0:
+        return Outcome.OUT_OF_RANGE, f"wheel {wheel}: it stands, so that it has no slip"
     if abs(steering) >= STEEPEST_STEERING:
         limit = f"not within +-{STEEPEST_STEERING:g} rad"
         return Outcome.OUT_OF_RANGE, f"wheel {wheel}: steering {steering:.3g} rad is {limit}"

@@ -117,7 +117,8 @@ class EstimatorParts(NamedTuple):
     default: State  # at the start, with the model's prior
     publish: Callable[[State, State], State]  # the model's: the state with all that a bank implies
     rows: tuple[str, ...]
-    axles: int
+    axles: int  # or wheels
+    by_wheel: bool
     wheel_radius_m: float
     block: int  # observations in a full block
     step_s: float
@@ -297,7 +298,7 @@ def _check_block(block: Floats, parts: EstimatorParts) -> None:
         # the torque on the ground has another range than the motor's, which the screening knows
         within = np.clip(torque, -STRONGEST_TORQUE, STRONGEST_TORQUE)
         screened = dataclasses.replace(observation, torque=np.where(bounded, within, torque))
-        if reason := impossible(screened, parts.wheel_radius_m):
+        if reason := impossible(screened, parts.wheel_radius_m, by_wheel=parts.by_wheel):
             raise StateFileError(f"the state's block has a row {row} with {reason}: {ADVICE}")
         if not (0.0 <= step <= LONGEST_GAP * parts.step_s and linked in {0.0, 1.0}):
             raise _refused(f"block's row {row}", f"step {step:g}, linked {linked:g}", "impossible")
@@ -397,7 +398,7 @@ def _last(arrays: Arrays, parts: EstimatorParts) -> Observation | None:
         raise StateFileError(
             f"the state's last observation is another version's: {error}: {ADVICE}"
         ) from error
-    if reason := impossible(observation, parts.wheel_radius_m):
+    if reason := impossible(observation, parts.wheel_radius_m, by_wheel=parts.by_wheel):
         raise StateFileError(f"the state's last observation has {reason}: {ADVICE}")
     if not 0 <= observation.stamp_ns <= _LATEST:
         raise _refused("last stamp", observation.stamp_ns, "no time")

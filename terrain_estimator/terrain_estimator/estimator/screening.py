@@ -23,12 +23,14 @@ from terrain_estimator.estimator.off_plane import (
     DEVIATIONS,
     FASTEST,
     Refusal,
+    SingleWheels,
     refuse_motion,
     refuse_off_plane,
 )
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.wheel_places import wheel_order
 
 NOISE_BOUND = 4.0
 """[standard deviations] Reach of noise; a value further outside its range is a sensor error."""
@@ -60,12 +62,12 @@ def screen(
     config: CoreConfig,
     *,
     sinkage_needed: bool = False,
-    wheels: Sequence[str] = (),
+    wheels: SingleWheels | None = None,
 ) -> Screening:
     """Screen one observation; ``previous_stamp_ns`` is the stamp of the last one, if any.
 
-    ``sinkage_needed`` says that no balance may replace a sinkage. ``wheels`` are the names of those
-    of a model by wheel, which may turn and back out; none: the model is by axle.
+    ``sinkage_needed`` says that no balance may replace a sinkage. ``wheels`` are those of a
+    model by wheel, which may turn and back out; None: the model is by axle.
     """
     rims, names = _rims(observation, rover.wheel_radius), _names(observation, wheels)
     refusal = (
@@ -73,13 +75,14 @@ def screen(
         or _refuse_standstill(observation, rims, config.standstill_speed)
         or _refuse_scalars(observation)
     )
-    if not wheels:
+    if wheels is None:
         refusal = (
             refusal
             or _refuse_reverse(observation, rims, config.standstill_speed)
             or refuse_off_plane(observation, rims, rover, config)
         )
-    refusal = refusal or (refuse_motion(observation, wheels) if wheels else None)
+    else:
+        refusal = refusal or refuse_motion(observation, wheels)
     if refusal is not None:
         return Screening(refusal[0], observation, refusal[1])
     missing = _without_sinkage(observation)
@@ -92,20 +95,21 @@ def screen(
     return screening
 
 
-def _names(observation: Observation, wheels: Sequence[str]) -> list[str]:
+def _names(observation: Observation, wheels: SingleWheels | None) -> list[str]:
     """Return what the values of an array belong to, in words."""
-    if wheels:
-        return [f"wheel {name}" for name in wheels]
+    if wheels is not None:
+        return [f"wheel {name}" for name in wheels.names]
     return [f"axle {axle}" for axle in range(len(observation.slip))]
 
 
-def impossible(observation: Observation, wheel_radius_m: float) -> str:
+def impossible(observation: Observation, wheel_radius_m: float, *, by_wheel: bool) -> str:
     """Return why no configuration lets these numbers pass as they are; empty where one does."""
     refusal = _refuse_scalars(observation)
     if refusal is not None:
         return refusal[1]
     rims = _rims(observation, wheel_radius_m)
-    screening = _mask(observation, rims, wheel_radius_m, CoreConfig(), _names(observation, ()))
+    config = CoreConfig().of_model(by_wheel=by_wheel)
+    screening = _mask(observation, rims, wheel_radius_m, config, _names(observation, None))
     return "" if screening.outcome is Outcome.ACCEPTED else screening.detail
 
 
@@ -295,8 +299,11 @@ def _supposed_angles(observation: Observation, rover: Rover, deviation: float) -
     A bogie whose angle is not known leaves those of its wheels missing.
     """
     plane, bogie = np.zeros_like(observation.contact_angle), possible_bogie(observation)
+    axles: Sequence[int] = range(rover.axles)
+    if len(plane) > rover.axles:  # of a model by wheel
+        axles = [rover.wheels[k].axle for k in wheel_order(rover)]
     for joint in rover.suspension:
-        plane[list(joint.axles)] = bogie
+        plane[[axle in joint.axles for axle in axles]] = bogie
     missing = np.isnan(observation.contact_angle)
     return {
         "contact_angle": np.where(missing, plane, observation.contact_angle),

@@ -18,13 +18,14 @@ import math
 import statistics
 from bisect import bisect_right
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 
 from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.estimator.off_plane import SingleWheels
 from terrain_estimator.estimator.screening import (
     NOISE_BOUND,
     Screening,
@@ -174,10 +175,12 @@ class RateWindow:
 class Averager:
     """Pass, average or refuse the readings of one rover; its memory is that of one step."""
 
-    def __init__(self, rover: Rover, config: CoreConfig, wheels: Sequence[str] = ()) -> None:
+    def __init__(
+        self, rover: Rover, config: CoreConfig, wheels: SingleWheels | None = None
+    ) -> None:
         """Start without a reading; a reading enters a mean as ``config`` lets it be used.
 
-        ``wheels`` are the names of those of a model by wheel.
+        ``wheels`` are those of a model by wheel.
         """
         # noise must not sort the readings of a turn: the estimator judges their mean
         self._config = dataclasses.replace(config, roll_limit=0.0, turn_limit=0.0)

@@ -134,7 +134,8 @@ class Converter:
         # without a joint, all axles are where the rover file has them
         self.known_angle = math.nan if rover.suspension else 0.0
         self.bogie_joints = {name.strip() for name in config.bogie_joint.split(",")}
-        self._joints_read = self.bogie_joints.union(self._stations)
+        own = (*self._stations, *filter(None, self.steering_joints))
+        self._joints_read = self.bogie_joints.union(own)
         # by topic: the last names and their groups
         self._groups: dict[str, tuple[list[str], Groups]] = {}
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
 from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.estimator.off_plane import SingleWheels
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
 from terrain_estimator.messaging.averaging import Averager, Rate
 from terrain_estimator.messaging.columns import Observations, Row, can_be_columns, observed
@@ -78,9 +79,11 @@ class Pipeline:
         rover = rover_of(metadata, config.rover)
         self.rover_name, self._wheels = rover.name, rover.wheel_names
         self._model, self._config = model, config
-        core = config.core.of_model(by_wheel=bool(metadata.wheels))
-        self._converter = Converter(rover, config.conversion, core, metadata.steered)
-        self._averager = Averager(rover, core, metadata.wheels)
+        by_wheel = bool(metadata.wheels)
+        core = config.core.of_model(by_wheel=by_wheel)
+        conversion = config.conversion.of_model(by_wheel=by_wheel)
+        self._converter = Converter(rover, conversion, core, metadata.steered)
+        self._averager = Averager(rover, core, SingleWheels.of(metadata))
         self._before: Arrays | None = None  # the state before the first reading
         warm_up(model, config)
         self._estimator = Estimator(model, config.core)
@@ -359,7 +362,10 @@ def rover_of(metadata: Metadata, name: str) -> Rover:
     if not name:
         return metadata.rover
     rover = load_rover(name)
-    if different := rover.first_difference(metadata.rover):
+    different = rover.first_difference(metadata.rover)
+    if metadata.wheels and different is None:
+        different = rover.other_side(metadata.rover)
+    if different:
         field, value, wanted = different
         raise ModelFileError(
             f"rover {name}: {field} is {value}, the model {metadata.model_id} is for"

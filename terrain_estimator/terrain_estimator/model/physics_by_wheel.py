@@ -22,6 +22,7 @@ import torch
 from torch import Tensor, nn
 
 from terrain_estimator.model.agreement import LARGEST_ERROR, Agreement
+from terrain_estimator.model.block import block_rows
 from terrain_estimator.model.body_motion import (
     BodyMotion,
     block_slopes,
@@ -179,8 +180,8 @@ class PhysicsByWheel(nn.Module):
         levers = self.levers(view, motion, contact.geometry)
         enough = 1.0 if packed.shape[0] >= self.fewest else 0.0
         there = torch.full_like(straight.used[:, :1], enough) * straight.used[:, 0].amin()
-        ahead, up, others = straight.target.split_with_sizes([1, 1, levers.shape[3] - 5], 1)
-        up = up * torch.cos(motion.roll).unsqueeze(1)
+        ahead, _, others = straight.target.split_with_sizes([1, 1, levers.shape[3] - 5], 1)
+        up = self.level(view, motion).unsqueeze(1)
         lateral = (slope * self.beside(motion)).mean() + self.pulled(view, motion)
         turning = torch.zeros_like(lateral) + (slope * motion.yaw_rate).mean() * self.yaw_inertia
         beside = torch.stack([torch.zeros_like(lateral), lateral, turning], 1)
@@ -199,6 +200,12 @@ class PhysicsByWheel(nn.Module):
     def beside(self, motion: BodyMotion) -> Tensor:
         """Return the lateral velocity [n] [m/s] of the centre of mass."""
         return motion.lateral + self.nominal.centre[0] * motion.yaw_rate
+
+    def level(self, view: PackedView, motion: BodyMotion) -> Tensor:
+        """Return the share [n] of gravity across the body's plane."""
+        turned = motion.yaw_rate * self.beside(motion) / self.gravity
+        nose, side = torch.sin(view.pitch) + turned, torch.sin(motion.roll)
+        return torch.sqrt((1.0 - nose * nose - side * side).clamp(min=0.0))
 
     def pulled(self, view: PackedView, motion: BodyMotion) -> Tensor:
         """Return omega v_x + g sin(roll) [n] [m/s^2]."""
@@ -357,9 +364,44 @@ class PhysicsByWheel(nn.Module):
         frame = self.frame(packed, contact)
         agreed = self.agreed(frame, packed, contact, theta, chosen)
         rows = self.rows(frame, agreed.inputs, contact, agreed.doubt)
-        return self.nominal.averaged(
-            self.of_slopes(rows, frame), packed, learnt, deviations, chosen
+        return self.averaged(self.of_slopes(rows, frame), frame, learnt, deviations, chosen)
+
+    def averaged(
+        self, rows: Rows, frame: Frame, learnt: Tensor, deviations: Tensor, chosen: Tensor
+    ) -> SoilRows:
+        """Return the mean of the ``rows`` of a block, with the centre of mass in the yaw moment.
+
+        About a centre that is dx ahead and dy to the left of the rover file's the moment of the
+        wheels is dx SUM Y less and dy SUM X more; these sums are m times the specific forces of the
+        body, whose slopes are read.
+        """
+        nominal, view = self.nominal, frame.measured
+        slope, share = block_slopes(view.step)
+        per_shift = nominal.body_scale[2] / nominal.body_scale[0]  # 1 / (g b) [s^2/m^2]
+        count = rows.used.shape[1]
+        used = rows.used * chosen
+        beside = rows.target.select(1, count - 2).mean()
+        ahead = slope * view.velocity + share * self.gravity * torch.sin(view.pitch)
+        there = used.select(1, count - 1)
+        columns = nn.functional.pad(
+            (ahead * per_shift * there).view(-1, 1, 1), [0, 0, count - 1, 0]
         )
+        fixed = nominal.fixed_columns
+        shifted = nn.functional.pad(
+            (-per_shift * beside).view(1, 1), [1, fixed.shape[1] - 2, fixed.shape[0] - 1, 0]
+        )
+        velocity = torch.stack([view.velocity, view.velocity_sd**2], 1)
+        rows = Rows(rows.features, rows.noise, rows.target, rows.variance, used, rows.taken)
+        averaged = block_rows(
+            rows,
+            columns + torch.where(used[:, :1].unsqueeze(-1) > 0.0, learnt, 0.0),
+            view.step * used[:, 0],
+            velocity,
+            deviations,
+            fixed + shifted,
+            nominal.link_variance,
+        )
+        return SoilRows(averaged, rows.noise[0, :, 0])
 
     def drive_row(
         self, view: PackedView, constants: Tensor, varied: Tensor, deviations: Tensor

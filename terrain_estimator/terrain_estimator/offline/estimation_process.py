@@ -194,25 +194,33 @@ def _packed_rows(of: Observations | None, part: list[Any]) -> tuple[Floats, Floa
         rows = [each.at for each in part]
         return of.axles[rows], of.scalars[rows]
     observations = [each.observation for each in part]
+    steered = any(each.steering is not None for each in observations)
     axles, scalars = (
         np.array(
             [[getattr(observation, name) for name in names] for observation in observations],
             dtype=np.float64,
         )
-        for names in (AXLE_FIELDS, SCALAR_FIELDS)
+        for names in ((*AXLE_FIELDS, *_STEERING[:steered]), SCALAR_FIELDS)
     )
     return axles, scalars
 
 
 _MARKS = tuple(Mark)
+_STEERING = ("steering",)  # the last of the arrays, where wheels are steered
 
 
 def _unpack(packed: _Packed) -> Iterator[Conversion]:
     stamps, axles, scalars, without = packed
-    observations = zip(stamps.tolist(), axles, scalars.tolist(), strict=True)
+    arrays = len(AXLE_FIELDS)
+    steered = axles.ndim > 1 and axles.shape[1] > arrays
+    angles = iter(axles[:, arrays]) if steered else itertools.repeat(None)
+    observations = zip(
+        stamps.tolist(), axles[:, :arrays] if steered else axles, scalars.tolist(), strict=True
+    )
     for at in range(len(stamps) + len(without)):
         if at in without:
             yield without[at]
         else:
             (stamp_ns, mark), by_axle, single = next(observations)
-            yield Conversion(stamp_ns, Observation(stamp_ns, *by_axle, *single), mark=_MARKS[mark])
+            numbers = (*by_axle, *single, next(angles))  # in the order of the fields
+            yield Conversion(stamp_ns, Observation(stamp_ns, *numbers), mark=_MARKS[mark])

@@ -182,6 +182,17 @@ class Rover:
                 return each.name, *values
         return None
 
+    def other_side(self, other: "Rover") -> tuple[str, Any, Any] | None:
+        """Return the first wheel of a name of both that is on another side, with both sides.
+
+        ``first_difference`` leaves sides out: they count where every wheel is one of its own.
+        """
+        sides = {wheel.name: wheel.side for wheel in other.wheels}
+        for wheel in self.wheels:
+            if (side := sides.get(wheel.name, wheel.side)) != wheel.side:
+                return f"side of wheel {wheel.name}", wheel.side, side
+        return None
+
     def content(self) -> dict[str, Any]:
         """Return the keys and values of the rover file, without those that were left out."""
         return {key: value for key, value in asdict(self).items() if value not in (None, ())}

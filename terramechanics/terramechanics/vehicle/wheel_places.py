@@ -43,6 +43,13 @@ class WheelPlaces:
                 f"steered: {', '.join(unknown)}: {rover.name} has the wheels"
                 f" {', '.join(rover.wheel_names)}"
             )
+        for axle in range(rover.axles):
+            sides = [wheel.side for wheel in rover.wheels if wheel.axle == axle]
+            if sides.count("left") != sides.count("right"):
+                raise ConfigError(
+                    f"wheels: axle {axle} of {rover.name} has the sides {', '.join(sides)}: give"
+                    " each wheel its side, as many left as right"
+                )
         ordered = sorted(wheel_sides(rover, self.track_width))
         if any(right + rover.wheel_width > left for right, left in pairwise(sorted(set(ordered)))):
             raise ConfigError(

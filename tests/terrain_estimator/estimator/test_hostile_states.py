@@ -162,7 +162,10 @@ def test_a_number_of_a_state_has_its_range(
 ) -> None:
     runtime = model.runtime
     start = runtime.arrays(runtime.initial())
-    parts = EstimatorParts(start, start, lambda state, _: state, model.rows, 3, 0.13, 10, 0.1)
+    parts = EstimatorParts(
+        start, start, lambda state, _: state, model.rows, 3, by_wheel=False, wheel_radius_m=0.13,
+        block=10, step_s=0.1,
+    )  # fmt: skip
     for value in (least, most):
         _check_range(name, np.array([value, most]), parts)
         beyond = value + math.copysign(1e-6 + 1e-3 * abs(value), value - 0.5 * (least + most))

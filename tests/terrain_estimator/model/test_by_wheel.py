@@ -18,18 +18,22 @@ from rover_sim_node.messages import step_messages
 from rover_sim_node.turning_run import TurningRun
 from terrain_estimator.config.estimator import ConversionConfig, CoreConfig, EstimatorConfig
 from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.estimator.off_plane import SingleWheels
+from terrain_estimator.estimator.screening import as_configured
 from terrain_estimator.learning.adding import Sized, with_effects
 from terrain_estimator.learning.by_wheel import build_model_by_wheel
 from terrain_estimator.learning.export import export
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.messaging.averaging import Averager, averaged
 from terrain_estimator.messaging.conversion import Conversion, Converter
+from terrain_estimator.model.block import BlockRows
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.metadata import ModelFileError, Training
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.packed_observation import TurningBody, pack, unpacked
 from terrain_estimator.model.row_names import row_names_by_wheel
 from terrain_estimator.observation import Observation
+from terrain_estimator.offline.estimation_process import _pack, _unpack
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import Update
 from terramechanics.presets import load_rover, load_soil
@@ -75,8 +79,14 @@ def observations(
     *,
     noise: float = 1.0,
     seed: int = 0,
+    lean: float = 0.0,
+    shift: tuple[float, float] = (0.0, 0.0),
 ) -> list[Observation]:
-    """Return what the node makes of the messages of a drive, with ``seconds`` for each twist."""
+    """Return what the node makes of the messages of a drive, with ``seconds`` for each twist.
+
+    ``lean`` [rad] is the slope across, ``shift`` [m] how far the centre of mass is ahead and to the
+    left of where the rover file has it.
+    """
     name = model.rover.name
     config = SimulatorConfig(
         rover=name,
@@ -85,8 +95,13 @@ def observations(
         track_width=TRACK[name],
         noise=noise,
         seed=seed,
+        cross_slope=lean,
     )
     run, found = TurningRun(config), []
+    chassis = run._simulation.chassis
+    x, y, height = chassis.centre
+    moved = (x + shift[0], y + shift[1], height)
+    run._simulation.chassis = dataclasses.replace(chassis, centre=moved)
     core = CoreConfig().of_model(by_wheel=True)
     converter = Converter(model.rover, ConversionConfig(), core, model.metadata.steered)
     for ahead, turn in twists:
@@ -121,6 +136,21 @@ def exact(observed: Observation) -> Observation:
     return dataclasses.replace(observed, **tiny, **still)  # type: ignore[arg-type]
 
 
+def block_at_truth(
+    model: LoadedModel, found: list[Observation]
+) -> tuple[BlockRows, Tensor, dict[str, int]]:
+    """Return the rows of the last second at the truth, what they miss [Q], and their places."""
+    places = places_of(model.rover, steered=any(model.metadata.steered))
+    twin = build_model_by_wheel(model.rover, places, [LOOSE])
+    block = packed(model, [exact(each) for each in found[-10:]])
+    expansion = torch.zeros(2 + twin.layout.constants, dtype=torch.float64)
+    expansion[:2] = torch.tensor([LOOSE.cohesion / 1e3, LOOSE.tan_phi])
+    rows = twin.physics.average(block, twin.learnt(block), 0, expansion, twin.every_row).rows
+    short = rows.target - rows.offset - rows.linear[:, :2] @ expansion[:2]
+    names = row_names_by_wheel(len(model.rover.wheels), len(model.rover.suspension))
+    return rows, short, {name: place for place, name in enumerate(names, 1)}
+
+
 @pytest.mark.parametrize(
     ("name", "turn"), [("skid", (0.25, 0.4)), ("steered", (0.08, 0.04)), ("skid", (-0.2, -0.2))]
 )
@@ -128,22 +158,30 @@ def test_all_rows_hold_at_the_truth_in_a_steady_turn(
     name: str, turn: Twist, request: pytest.FixtureRequest
 ) -> None:
     model: LoadedModel = request.getfixturevalue(name)
-    found = [exact(each) for each in observations(model, [turn], 8.0, noise=0.0)][-10:]
-    wheels, joints = len(model.rover.wheels), len(model.rover.suspension)
-    twin = build_model_by_wheel(
-        model.rover, places_of(model.rover, steered=name == "steered"), [LOOSE]
-    )
-    block = packed(model, found)
-    expansion = torch.zeros(2 + twin.layout.constants, dtype=torch.float64)
-    expansion[:2] = torch.tensor([LOOSE.cohesion / 1e3, LOOSE.tan_phi])
-    rows = twin.physics.average(block, twin.learnt(block), 0, expansion, twin.every_row).rows
-    short = rows.target - rows.offset - rows.linear[:, :2] @ expansion[:2]
-    by_name = dict(zip(row_names_by_wheel(wheels, joints), short[1:].tolist(), strict=True))
+    rows, short, place = block_at_truth(model, observations(model, [turn], 8.0, noise=0.0))
     assert not rows.present.eq(0.0).any()
     # the velocity does not change: its row is the acceleration over the block, in m/s
     largest = {"lateral_velocity": 2e-3, "yaw_rate": 1e-5}
-    for row, value in by_name.items():
-        assert abs(value) < largest.get(row, 1e-3), row
+    for row, at in place.items():
+        assert abs(float(short[at])) < largest.get(row, 1e-3), row
+
+
+@pytest.mark.parametrize("turn", [(0.25, 0.0), (0.25, 0.3)])
+def test_a_shifted_centre_of_mass_is_what_its_parameters_say(
+    skid: LoadedModel, turn: Twist
+) -> None:
+    shift = (0.02, -0.015)
+    found = observations(skid, [turn], 8.0, noise=0.0, lean=0.2, shift=shift)
+    rows, short, place = block_at_truth(skid, found)
+    names = skid.metadata.parameters
+    ahead, aside = (
+        rows.linear[:, names.index(name)] for name in ("centre_of_mass", "centre_of_mass_y")
+    )
+    left = short - ahead * shift[0] - aside * shift[1]
+    for row in ("moment", "roll_moment", "yaw_rate"):
+        at = place[row]
+        assert abs(float(short[at])) > 1e-3, row
+        assert abs(float(left[at])) < 0.05 * abs(float(short[at])), row
 
 
 def test_every_row_is_used(skid: LoadedModel) -> None:
@@ -198,6 +236,8 @@ REFUSED: tuple[tuple[dict[str, object], Outcome, str], ...] = (
     ({"steering": np.array([0.0, 0.0, 1.2, 0.0])}, Outcome.OUT_OF_RANGE, "rear_left: steering 1.2"),
     ({"steering": np.full(4, math.nan)}, Outcome.NOT_FINITE, "front_left: steering is nan"),
     ({"sinkage": np.array([0.01, 0.01, math.nan, 0.01])}, Outcome.NOT_FINITE, "left: sinkage is"),
+    ({"lateral_velocity": 1.3, "yaw_rate": 9.0}, Outcome.OUT_OF_RANGE, "is beyond 0.2 g"),
+    ({"wheel_rate": np.array([1.0, 0.0, 1.0, 1.0])}, Outcome.OUT_OF_RANGE, "right: it stands"),
     ({"slip": np.array([3.5, 0.1, 0.1, 0.1])}, Outcome.OUT_OF_RANGE, "wheel front_left: slip 3.5"),
 )
 
@@ -217,9 +257,13 @@ def test_what_does_not_tell_how_a_wheel_moves_is_refused_by_name(
     assert estimator.update(after).decision.outcome.used
 
 
-def test_a_saved_state_goes_on_with_the_same_bytes(steered: LoadedModel) -> None:
-    found = observations(steered, STEERED, 4.0)
-    first, second = Estimator(steered, CoreConfig()), Estimator(steered, CoreConfig())
+@pytest.mark.parametrize(("name", "twists"), [("skid", [(0.15, 0.6)] * 3), ("steered", STEERED)])
+def test_a_saved_state_goes_on_with_the_same_bytes(
+    name: str, twists: Sequence[Twist], request: pytest.FixtureRequest
+) -> None:
+    model: LoadedModel = request.getfixturevalue(name)
+    found = observations(model, twists, 4.0)
+    first, second = Estimator(model, CoreConfig()), Estimator(model, CoreConfig())
     for each in found[:87]:
         first.update(each)
     second.restore(first.save())
@@ -234,7 +278,7 @@ def test_a_saved_state_goes_on_with_the_same_bytes(steered: LoadedModel) -> None
 def test_fast_readings_are_averaged_with_their_steering(steered: LoadedModel) -> None:
     config = EstimatorConfig()
     core = config.core.of_model(by_wheel=True)
-    averager = Averager(steered.rover, core, steered.metadata.wheels)
+    averager = Averager(steered.rover, core, SingleWheels.of(steered.metadata))
     readings = observations(steered, [(0.1, 0.04)], 3.0)
     spread = [
         dataclasses.replace(each, stamp_ns=readings[0].stamp_ns + step * 20_000_000)
@@ -249,6 +293,55 @@ def test_fast_readings_are_averaged_with_their_steering(steered: LoadedModel) ->
     expected = np.mean([each.steering for each in own if each.steering is not None], axis=0)
     np.testing.assert_allclose(last.steering, expected, rtol=1e-12)
     np.testing.assert_allclose(last.yaw_rate_sd, own[0].yaw_rate_sd / math.sqrt(5.0), rtol=1e-12)
+
+
+def test_a_missing_contact_angle_is_supposed_along_the_wheels_own_bogie(
+    steered: LoadedModel,
+) -> None:
+    given = observations(steered, [(0.1, 0.04)], 1.0)[-1]
+    given = dataclasses.replace(given, contact_angle=np.full(6, math.nan), bogie_angle=0.05)
+    found = as_configured(given, steered.rover, CoreConfig(contact_angle_sd=0.03))
+    assert found.contact_angle.tolist() == [0.0, 0.0, 0.05, 0.05, 0.05, 0.05]
+    assert found.contact_angle_sd.tolist() == [0.03] * 6
+    assert Estimator(steered, CoreConfig(contact_angle_sd=0.03)).update(given).decision.outcome.used
+
+
+def test_steering_reaches_an_estimator_in_another_process(steered: LoadedModel) -> None:
+    found = observations(steered, [(0.1, 0.04)], 1.0)
+    refused = Conversion(5, None, Outcome.WRONG_FRAME, "none")
+    given = [refused, *(Conversion(each.stamp_ns, each) for each in found)]
+    first, *others = _unpack(_pack(list(given)))
+    assert first == refused
+    for one, other in zip(found, others, strict=True):
+        assert other.observation is not None
+        np.testing.assert_array_equal(other.observation.steering, one.steering)
+        np.testing.assert_array_equal(other.observation.torque_sd, one.torque_sd)
+        assert other.observation.yaw_rate == one.yaw_rate
+
+
+def test_steered_wheels_without_their_angles_are_refused(steered: LoadedModel) -> None:
+    given = dataclasses.replace(observations(steered, [(0.1, 0.04)], 1.0)[-1], steering=None)
+    decision = Estimator(steered, CoreConfig()).update(given).decision
+    assert decision.outcome is Outcome.NOT_FINITE
+    assert "wheel front_left: steering is nan" in decision.detail
+
+
+def test_a_velocity_to_the_side_without_a_variance_is_not_supposed() -> None:
+    own = ConversionConfig().of_model(by_wheel=True)
+    assert (own.default_lateral_velocity_sd, own.default_yaw_rate_sd) == (0.0, 0.0)
+    told = ConversionConfig(default_lateral_velocity_sd=0.02).of_model(by_wheel=True)
+    assert told.default_lateral_velocity_sd == 0.02
+    assert ConversionConfig().of_model(by_wheel=False) == ConversionConfig()
+
+
+def test_a_rover_file_with_a_wheel_on_the_other_side_differs(skid: LoadedModel) -> None:
+    rover = skid.rover
+    sides = {"left": "right", "right": "left"}
+    wheels = tuple(dataclasses.replace(each, side=sides[each.side]) for each in rover.wheels)
+    swapped = dataclasses.replace(rover, wheels=wheels)
+    assert swapped.first_difference(rover) is None
+    assert swapped.other_side(rover) == ("side of wheel front_left", "right", "left")
+    assert rover.other_side(rover) is None
 
 
 def test_an_observation_is_unpacked_as_it_was_packed(steered: LoadedModel) -> None:

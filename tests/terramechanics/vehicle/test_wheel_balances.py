@@ -110,3 +110,6 @@ def test_places_that_do_not_fit_the_rover_are_refused_by_name() -> None:
         WheelPlaces.of(rover, 0.5, ("middle_left",))
     with pytest.raises(ConfigError, match=r"track_width 0\.1 m has no room for wheels of 0\.12 m"):
         WheelPlaces.of(rover, 0.1)
+    one_sided = tuple(dataclasses.replace(each, side="left") for each in rover.wheels)
+    with pytest.raises(ConfigError, match="axle 0 of four_wheel_rover has the sides left, left"):
+        WheelPlaces.of(dataclasses.replace(rover, wheels=one_sided), 0.5)
