@@ -19,8 +19,8 @@ class Observation:
     value before it. NaN means "not measured". Velocity and pitch are required, and slip and
     contact angle of every axle; so is sinkage, unless every torque and the bogie's angle are there.
     Torque, acceleration and the bogie's angle are optional. Roll, lateral velocity and yaw rate
-    tell whether the rover is planar at all, and nothing else. A model by wheel needs them, too; its
-    arrays have shape ``[wheels]``, front to rear, left before right.
+    tell a model by axle whether the rover is planar at all, and nothing else. A model by wheel
+    needs them; its arrays have shape ``[wheels]``, front to rear, left before right.
     """
 
     stamp_ns: int

@@ -9,11 +9,12 @@ from rover_parameters.parameters import INLINE, effective, fingerprint
 from rover_parameters.records import ConfigError, entry, number
 from terrain_estimator.config.auto_start import AUTO_START
 from terrain_estimator.topics import BODY_FRAME
+from terramechanics.vehicle.wheel_places import WIDEST_SLIP
 
 SLIPS = (-0.6, 0.95)
 """[1] Least and largest slip of a model by axle."""
-SLIPS_BY_WHEEL = (-3.0, 3.0)
-"""[1] The same of a model by wheel: wheels on the inner side of a turn are braked, or turn back."""
+SLIPS_BY_WHEEL = (-WIDEST_SLIP, WIDEST_SLIP)
+"""[1] The same of a model by wheel."""
 BESIDE_SDS = (0.005, 0.003)
 """[m/s], [rad/s] Supposed deviations of lateral velocity and yaw rate that refuse turns."""
 TURN_LIMIT = 0.07

@@ -328,6 +328,7 @@ def warm_up(model: LoadedModel, config: EstimatorConfig) -> None:
                 lateral_velocity_sd=0.01,
                 yaw_rate=0.0,
                 yaw_rate_sd=0.01,
+                steering=0.0 * axles,
             )
         )
 

@@ -56,9 +56,8 @@ from terrain_estimator.model.rows import (
 from terramechanics.contact.rolling import WheelMotion, rolling_forces
 from terramechanics.vehicle.suspension import Geometry
 from terramechanics.vehicle.wheel_balances import motion_across, wheel_balances
+from terramechanics.vehicle.wheel_places import WIDEST_SLIP
 
-WIDEST = 3.0
-"""[1] Slip, either way, up to which a wheel is used: one on the inner side turns back in a turn."""
 INSIDE = (-0.59, 0.94)
 """[1] Slips between which the law of stresses moves the largest one, and those that pass for it."""
 SMALL = 1e-3
@@ -97,7 +96,7 @@ class PhysicsByWheel(nn.Module):
             nominal.uncertain_constants,
         )
         self.effect_values, self.small, self.fewest = 0, SMALL, FEWEST
-        self.rounds, self.largest, self.widest = ROUNDS, LARGEST_ERROR, WIDEST
+        self.rounds, self.largest, self.widest = ROUNDS, LARGEST_ERROR, WIDEST_SLIP
         self.least_slip, self.most_slip = INSIDE
         self.unsteady_share = UNSTEADY**2
         self.register_buffer("wheel_y", wheel_y)
@@ -118,7 +117,7 @@ class PhysicsByWheel(nn.Module):
         return self.nominal.usable(inside, leading) & known
 
     def inside(self, slip: Tensor) -> Tensor:
-        """Return slips within the range of a planar rover's law; NaN beyond WIDEST."""
+        """Return slips within the range of a planar rover's law; NaN beyond WIDEST_SLIP."""
         known = slip.abs() <= self.widest
         return torch.where(known, slip.clamp(self.least_slip, self.most_slip), float("nan"))
 

@@ -14,6 +14,8 @@ from terramechanics.vehicle.rover import Rover
 
 STEEPEST_STEERING = 1.0
 """[rad] The motion across of a wheel steered further is badly known."""
+WIDEST_SLIP = 3.0
+"""[1] Slip, either way, up to which a single wheel is used: in a turn inner wheels turn back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +52,8 @@ class WheelPlaces:
                     f"wheels: axle {axle} of {rover.name} has the sides {', '.join(sides)}: give"
                     " each wheel its side, as many left as right"
                 )
-        ordered = sorted(wheel_sides(rover, self.track_width))
-        if any(right + rover.wheel_width > left for right, left in pairwise(sorted(set(ordered)))):
+        places = sorted(set(wheel_sides(rover, self.track_width)))
+        if any(right + rover.wheel_width > left for right, left in pairwise(places)):
             raise ConfigError(
                 f"track_width {self.track_width:g} m has no room for wheels of"
                 f" {rover.wheel_width:g} m: give the distance between the middles of left and right"

@@ -26,6 +26,7 @@ from terrain_estimator.learning.export import export
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.messaging.averaging import Averager, averaged
 from terrain_estimator.messaging.conversion import Conversion, Converter
+from terrain_estimator.messaging.pipeline import warm_up
 from terrain_estimator.model.block import BlockRows
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.metadata import ModelFileError, Training
@@ -342,6 +343,22 @@ def test_a_rover_file_with_a_wheel_on_the_other_side_differs(skid: LoadedModel) 
     assert swapped.first_difference(rover) is None
     assert swapped.other_side(rover) == ("side of wheel front_left", "right", "left")
     assert rover.other_side(rover) is None
+
+
+@pytest.mark.parametrize("name", ["skid", "steered"])
+def test_the_warm_up_runs_the_model(
+    name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outcomes, update = [], Estimator.update
+
+    def noted(self: Estimator, observation: Observation) -> Update:
+        found = update(self, observation)
+        outcomes.append(found.decision.outcome)
+        return found
+
+    monkeypatch.setattr(Estimator, "update", noted)
+    warm_up(request.getfixturevalue(name), EstimatorConfig())
+    assert Outcome.ACCEPTED in outcomes
 
 
 def test_an_observation_is_unpacked_as_it_was_packed(steered: LoadedModel) -> None:
