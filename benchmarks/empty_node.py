@@ -5,12 +5,13 @@
 It answers every imu message, and counts what it receives.
 """
 
+import contextlib
 from functools import partial
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
 
 from terrain_estimator.nodes.common import message_types
 from terrain_estimator.topics import ESTIMATE, HEALTH, INPUT_TYPES, Message
@@ -57,13 +58,11 @@ class EmptyNode(Node):
 
 def main() -> None:
     """Spin until SIGINT."""
-    rclpy.init()
-    try:
+    # rclpy's own handlers invalidate the context while spin prepares to wait, which then raises
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    with contextlib.suppress(KeyboardInterrupt):
         rclpy.spin(EmptyNode())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
+    rclpy.shutdown()
 
 
 if __name__ == "__main__":

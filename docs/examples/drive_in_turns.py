@@ -3,13 +3,14 @@
 """Drive straight on, to the left, straight on, to the right, and so on, by cmd_vel."""
 
 import contextlib
+import signal
 
 import rclpy
 from geometry_msgs.msg import Twist
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
 
 TURNS = (0.0, 1.0, 0.0, -1.0)
 """Of the yaw rate, one after the other."""
@@ -35,10 +36,11 @@ class Driver(Node):
         command = Twist()
         command.linear.x = self.speed * (1.0 if leg % 2 else 1.4)
         command.angular.z = self.yaw_rate * TURNS[leg % len(TURNS)]
-        if self.context.ok():  # a signal may have ended it since the timer fired
-            self.output.publish(command)
+        self.output.publish(command)
 
 
-rclpy.init()
-with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+# rclpy's own handlers invalidate the context while spin prepares to wait, which then raises
+rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+signal.signal(signal.SIGTERM, signal.default_int_handler)
+with contextlib.suppress(KeyboardInterrupt):
     rclpy.spin(Driver())

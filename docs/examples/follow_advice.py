@@ -3,13 +3,14 @@
 """Drive as fast as the planner allows, and stand still without its advice or after its stop."""
 
 import contextlib
+import signal
 
 import rclpy
 from geometry_msgs.msg import Twist
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
 
 from msg_defs.msg import TractionAdvice
 
@@ -44,10 +45,11 @@ class Driver(Node):
         silent = (self.steady.now() - self.received).nanoseconds > SILENCE_S * 1e9
         command = Twist()
         command.linear.x = (0.0 if silent else self.allowed) if self.obey else self.wanted
-        if self.context.ok():  # a signal may have ended it since the timer fired
-            self.output.publish(command)
+        self.output.publish(command)
 
 
-rclpy.init()
-with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+# rclpy's own handlers invalidate the context while spin prepares to wait, which then raises
+rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+signal.signal(signal.SIGTERM, signal.default_int_handler)
+with contextlib.suppress(KeyboardInterrupt):
     rclpy.spin(Driver())
