@@ -211,11 +211,17 @@ class Rig:
         return bool(in_range(values[0], values[1], self.soil.constants(), self.rover.wheel_radius))
 
     def states(
-        self, cells: Cells, strength: Tensor, constants: Tensor, effects: Sequence[Effect]
+        self,
+        cells: Cells,
+        strength: Tensor,
+        constants: Tensor,
+        effects: Sequence[Effect],
+        start: Tensor | None = None,
     ) -> Tensor:
         """Return rows of cells, [V, B, R], for V soils.
 
-        ``strength`` [V, 2] has c in Pa; ``constants`` are [V, 6].
+        ``strength`` [V, 2] has c in Pa; ``constants`` are [V, 6]. ``effects`` have one set of
+        values, or V B. The search for the sinkages begins at ``start`` [B] [m].
         """
         several, count = strength.shape[0], cells.slip.shape[0]
         slip, load, rate = (
@@ -238,7 +244,9 @@ class Rig:
             wheel = dataclasses.replace(
                 wheel, slip_angle=cells.slip_angle.repeat(several).unsqueeze(1)
             )
-        depth = equilibrium_sinkage(wheel, slip, load)
+        if start is not None:
+            start = start.repeat(several).unsqueeze(1)
+        depth = equilibrium_sinkage(wheel, slip, load, start)
         forces = wheel.forces(slip, depth)
         lateral = forces[..., 3] if wheel.slip_angle is not None else torch.zeros_like(depth)
         return torch.stack([depth, forces[..., 1], lateral, forces[..., 2]], -1).view(

@@ -85,6 +85,7 @@ class WheelModel:
         self.own = 2 + self._uncertain.shape[0] + len(self._error_sd)
         self.first = self.own + given.shared().sd.shape[0]
         self.low, self.high = self._limits(nominal)
+        self._near = NearBy()
 
     def start(self) -> Floats:
         """Return the parameters at which a fit begins."""
@@ -96,7 +97,7 @@ class WheelModel:
 
     def of(self, cells: Cells, values: Floats) -> Floats:
         """Return the rows [B, R]."""
-        return self._several(cells, values[None], values)[0]
+        return self._several(cells, values[None])[0]
 
     def slip_errors(self, cells: Cells, values: Floats) -> Floats:
         """Return the covariance of the error of slip, see :meth:`Rig.slip_errors`."""
@@ -106,31 +107,25 @@ class WheelModel:
     def jacobian(self, cells: Cells, values: Floats) -> tuple[Floats, Floats]:
         """Return the rows [B, R], and their changes with each parameter [B, R, P]."""
         steps = np.where(values + _STEP > self.high, -_STEP, _STEP)
-        moved = values + np.diag(steps)
-        soil = self._several(cells, np.vstack([values[None], moved[: self.own]]), values)
-        shared = [self._several(cells, each[None], each)[0] for each in moved[self.own :]]
-        every = np.stack([*soil[1:], *shared])
-        return soil[0], np.moveaxis((every - soil[0]) / steps[:, None, None], 0, -1)
+        rows = self._several(cells, np.vstack([values[None], values + np.diag(steps)]))
+        return rows[0], np.moveaxis((rows[1:] - rows[0]) / steps[:, None, None], 0, -1)
 
-    def _several(self, cells: Cells, soils: Floats, values: Floats) -> Floats:
-        """Return the rows for some soils [V, P] and one set of sizes."""
-        table = torch.from_numpy(np.ascontiguousarray(soils[:, : self.own]))
+    def _several(self, cells: Cells, values: Floats) -> Floats:
+        """Return the rows [V, B, R] for values [V, P]."""
+        table = torch.from_numpy(np.ascontiguousarray(values))
         theta = torch.tensor([[mean, sd] for mean, sd in STRENGTH], dtype=torch.float64)
         strength = (theta[:, 0] + table[:, :2] * theta[:, 1]) * torch.tensor(
             [PA_PER_UNIT, 1.0], dtype=torch.float64
         )
         constants_end = self.own - len(self._error_sd)
         constants = self.bed.soil.constants() + table[:, 2:constants_end] @ self._uncertain
-        known = _effects(self._given, values[self.own : self.first])
-        sought = known + _effects(self.hypothesis, values[self.first :])
-        found = torch.empty(len(soils), len(cells.slip), len(ROWS), dtype=torch.float64)
-        for acts, effects in ((True, sought), (False, known)):
-            index = torch.nonzero(cells.acts == acts).flatten()
-            if len(index):
-                found[:, index] = self.bed.states(
-                    cells.part(index.tolist()), strength, constants, effects
-                )
-        return self.bed.read(found, table[:, constants_end:] * self._error_sd).numpy()
+        given, sought = table[:, self.own : self.first], table[:, self.first :]
+        effects = [
+            *acting(self._given, given * self._given.shared().sd, cells),
+            *acting(self.hypothesis, sought * self.hypothesis.shared().sd, cells, sought=True),
+        ]
+        found = self._near.states(self.bed, cells, strength, constants, effects)
+        return self.bed.read(found, table[:, constants_end : self.own] * self._error_sd).numpy()
 
     def _limits(self, nominal: Tensor) -> tuple[Floats, Floats]:
         """Return the physical ranges.
@@ -163,8 +158,45 @@ def _begin(hypothesis: Hypothesis) -> Floats:
     )
 
 
-def _effects(hypothesis: Hypothesis, values: Floats) -> list[SimulatedEffect]:
-    return hypothesis.acting((values * hypothesis.shared().sd.numpy()).tolist())
+def acting(
+    hypothesis: Hypothesis, values: Tensor, cells: Cells, *, sought: bool = False
+) -> list[SimulatedEffect]:
+    """Return the effects with one set of ``values`` [V, K] for each of V soils, on B cells.
+
+    Effects that are ``sought`` are zero in cells where they do not act.
+    """
+    count = len(cells.slip)
+    values = values.repeat_interleave(count, 0)
+    if sought:
+        values = torch.where(cells.acts.repeat(len(values) // count).unsqueeze(1), values, 0.0)
+    parts = torch.split(values, [each.count for each in hypothesis.effects], 1)
+    return [each.with_values(part) for each, part in zip(hypothesis.effects, parts, strict=True)]
+
+
+class NearBy:
+    """States of cells by searches that begin where the one before ended, for the same cells.
+
+    A fit asks for many that hardly differ.
+    """
+
+    def __init__(self) -> None:
+        self._cells: Cells | None = None
+        self._depth: Tensor | None = None  # [B]
+
+    def states(
+        self,
+        bed: Rig,
+        cells: Cells,
+        strength: Tensor,
+        constants: Tensor,
+        effects: Sequence[SimulatedEffect],
+    ) -> Tensor:
+        """Return what :meth:`Rig.states` does."""
+        if cells is not self._cells:
+            self._cells, self._depth = cells, None
+        found = bed.states(cells, strength, constants, effects, self._depth)
+        self._depth = found[0, :, ROWS.index("sinkage")]
+        return found
 
 
 @dataclass(frozen=True, slots=True)

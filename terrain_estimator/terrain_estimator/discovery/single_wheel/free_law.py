@@ -14,10 +14,9 @@ import numpy as np
 import torch
 
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
-from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig
-from terrain_estimator.discovery.single_wheel.fit import Floats
+from terrain_estimator.discovery.single_wheel.cells import Cells, Rig
+from terrain_estimator.discovery.single_wheel.fit import Floats, NearBy, acting
 from terrain_estimator.model.rows import PA_PER_UNIT
-from terramechanics.effects.simulated import SimulatedEffect
 
 RANGES = {
     "c": (0.0, 10.0),
@@ -55,6 +54,7 @@ class FreeLaw:
     def __init__(self, bed: Rig, given: Hypothesis, hypothesis: Hypothesis) -> None:
         """Take the wheel and soil of one testbed, known effects and those of a finding."""
         self.bed, self._given, self._sought = bed, given, hypothesis
+        self._near = NearBy()
         self.coordinates = (*self._soil(), *self._sensors(), *self._effects())
         self.low = np.array([each.low for each in self.coordinates])
         self.high = np.array([each.high for each in self.coordinates])
@@ -81,14 +81,12 @@ class FreeLaw:
         )
         strength = table[:, :2] * torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
         first = 7 + len(self.bed.sensor_errors)
-        found = torch.empty(len(values), len(cells.slip), len(ROWS), dtype=torch.float64)
-        for acts in (True, False):
-            index = torch.nonzero(cells.acts == acts).flatten()
-            if len(index):
-                effects = self._acting(table[:, first:], len(index), sought=acts)
-                found[:, index] = self.bed.states(
-                    cells.part(index.tolist()), strength, constants, effects
-                )
+        last = first + len(self._given.shared().sd)
+        effects = [
+            *acting(self._given, table[:, first:last], cells),
+            *acting(self._sought, table[:, last:], cells, sought=True),
+        ]
+        found = self._near.states(self.bed, cells, strength, constants, effects)
         return self.bed.read(found, table[:, 7:first]).numpy()
 
     def constant(self, name: str, coordinates: Floats) -> Floats:
@@ -136,16 +134,6 @@ class FreeLaw:
             ):
                 found.append(Coordinate(name, float(low), float(high), 0.0, float(sd)))
         return found
-
-    def _acting(self, table: torch.Tensor, count: int, *, sought: bool) -> list[SimulatedEffect]:
-        """Return the effects with one set of values for each of V soils, on ``count`` cells."""
-        effects = (*self._given.effects, *(self._sought.effects if sought else ()))
-        acting, at = [], 0
-        for each in effects:
-            values = table[:, at : at + each.count].repeat_interleave(count, 0)
-            acting.append(each.with_values(values))
-            at += each.count
-        return acting
 
 
 def _value_names(hypothesis: Hypothesis) -> list[str]:
