@@ -35,7 +35,7 @@ from studies.off_plane import (
 from studies.tables import table
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
-from terrain_estimator.learning.by_wheel import build_model_by_wheel
+from terrain_estimator.learning.by_wheel import ROLL_BIAS_SD, build_model_by_wheel
 from terrain_estimator.learning.export import export
 from terrain_estimator.messaging.messages import Status, status_of
 from terrain_estimator.messaging.pipeline import usable_rows
@@ -70,6 +70,8 @@ WRONG_CENTRE: dict[str, tuple[tuple[str, float, float], ...]] = {
     "mars_rover": (("0.05 rad/s commanded", 0.05, 0.0), ("across 10°", 0.0, 10.0)),
 }
 """Words, yaw rate [rad/s] and slope across [deg] of motions with such an error."""
+ROLL_ACROSS, ROLL_OFF = 10.0, "roll off by 0.5° (one deviation)"
+"""[deg] Slope across which the roll has a constant error, of ROLL_BIAS_SD, in each drive."""
 TURNING = (0.0, 0.3, 0.6)
 """[rad/s] Largest commanded yaw rates of the drives beside the bound."""
 SKID = Rover(
@@ -158,6 +160,7 @@ def observed(
             dataclasses.replace(
                 one,
                 roll=float(roll[drive, step]),
+                roll_sd=Noise().pitch,
                 lateral_velocity=float(lateral_velocity[drive, step]),
                 lateral_velocity_sd=LATERAL_SD,
                 yaw_rate=float(turn[drive, step]),
@@ -225,6 +228,12 @@ HEAD = (
 )
 
 
+def _rolled(drive: list[Observation], generator: torch.Generator) -> list[Observation]:
+    """Return a drive with one draw of a constant error of the roll."""
+    bias = ROLL_BIAS_SD * float(torch.randn((), generator=generator, dtype=torch.float64))
+    return [dataclasses.replace(each, roll=each.roll + bias) for each in drive]
+
+
 def lines(kind: Kind, drives: int = DRIVES, samples: int = SAMPLES) -> Iterator[tuple[str, ...]]:
     """Yield the lines of a rover's table, one for each motion."""
     rover = load_rover(kind.rover)
@@ -243,6 +252,7 @@ def lines(kind: Kind, drives: int = DRIVES, samples: int = SAMPLES) -> Iterator[
         (f"{words}, {off}", yaw_rate, lean, SHIFT)
         for words, yaw_rate, lean in WRONG_CENTRE[kind.rover]
     ]
+    motions.append((f"across {ROLL_ACROSS:g}°, {ROLL_OFF}", 0.0, ROLL_ACROSS, 0.0))
     for words, yaw_rate, lean, shift in motions:
         generator = torch.Generator().manual_seed(SEED)
         drawn = torch.rand(DRIVES, 6, generator=generator, dtype=torch.float64)
@@ -251,6 +261,8 @@ def lines(kind: Kind, drives: int = DRIVES, samples: int = SAMPLES) -> Iterator[
             kind, yaw_rate, lean, samples, constants, generator, (shift, -shift)
         )
         found = observed(rover, driven, strength, order, generator)[:drives]
+        if words.endswith(ROLL_OFF):
+            found = [_rolled(drive, generator) for drive in found]
         result = ended(model, found, strength.numpy()[:drives])
         error = np.median(np.abs(result.mean / result.truth - 1.0), 0)
         spread = np.median(result.deviation / result.truth, 0)
@@ -270,8 +282,8 @@ def lines(kind: Kind, drives: int = DRIVES, samples: int = SAMPLES) -> Iterator[
 def information(sample: BodySample, strength: Tensor) -> lateral.Matrices:
     """Return what lateral.information does, with the errors that a model by wheel is told.
 
-    Motion across comes from one lateral velocity and one yaw rate. Mass and centre of mass, along
-    and to the left, are three parameters more.
+    Motion across comes from one lateral velocity and one yaw rate. Mass, centre of mass, along and
+    to the left, and a constant error of the roll are four parameters more.
     """
     noise, constants = Noise(), SOIL.constants()
     slip, chassis = sample.slip, lateral.SKID
@@ -313,8 +325,8 @@ def information(sample: BodySample, strength: Tensor) -> lateral.Matrices:
     tilt = chassis.weight * noise.pitch
     own = own + torch.nn.functional.pad(torque**2, [at.shape[-2] - chassis.wheels, 0])
     own[:, :2] += tilt**2
-    body = torch.zeros(len(slip), at.shape[-2], 3, dtype=torch.float64)
-    for parameter, row in enumerate((3, 4, 5)):
+    body = torch.zeros(len(slip), at.shape[-2], 4, dtype=torch.float64)
+    for parameter, row in enumerate((3, 4, 5, 1)):
         body[:, row, parameter] = -chassis.weight
     features = torch.cat([at[..., :2], body], -1)
     return features, jacobian @ jacobian.mT + own.diag_embed(), -(by_velocity**2).diag_embed()
@@ -338,6 +350,7 @@ def bound_lines(drives: int = lateral.DRIVES) -> Iterator[tuple[str, ...]]:
         model = model_by_wheel(SKID, places, prior, Path(folder) / "model.pt")
     known = (
         *lateral.PRIOR_SD, prior.mass_sd, prior.centre_of_mass_sd, prior.centre_of_mass_sd,
+        ROLL_BIAS_SD,
     )  # fmt: skip
     for turning in TURNING:
         samples, strength = lateral.drive(turning)

@@ -154,6 +154,7 @@ def _observed(
             dataclasses.replace(
                 observation,
                 roll=float(roll[drive, step]),
+                roll_sd=Noise().pitch,
                 lateral_velocity=float(lateral[drive, step]),
                 lateral_velocity_sd=LATERAL_SD,
                 yaw_rate=float(turn[drive, step]),

@@ -41,6 +41,7 @@ class Observation:
     acceleration_sd: float  # [m/s^2]
     bogie_angle: float = math.nan  # [rad] of the bogie relative to the body, nose up
     roll: float = math.nan  # [rad] of body y above the horizon, left side up
+    roll_sd: float = math.nan  # [rad]
     lateral_velocity: float = math.nan  # [m/s] along body y, to the left
     lateral_velocity_sd: float = math.nan  # [m/s]
     yaw_rate: float = math.nan  # [rad/s] to the left
@@ -55,6 +56,7 @@ SCALAR_FIELDS = tuple(field.name for field in fields(Observation) if field.type 
 """Names of the measured scalars, in order. The fields are the stamp, the arrays, the scalars."""
 
 OFF_PLANE = (
-    "roll", "lateral_velocity", "lateral_velocity_sd", "yaw_rate", "yaw_rate_sd", "steering",
+    "roll", "roll_sd", "lateral_velocity", "lateral_velocity_sd", "yaw_rate", "yaw_rate_sd",
+    "steering",
 )  # fmt: skip
 """Names of what makes a motion other than planar: no other observation depends on them."""

@@ -26,10 +26,12 @@ BODY_FRAME = "base_link"
 REQUIRED_INPUTS = ("wheel_slip", "wheel_sinkage", "odom")
 """Inputs that every observation needs; the first gives the stamps."""
 
+ROLL_IN_POSE = 21  # (3, 3) of a 6 x 6 covariance, row-major: rotation about x
 PITCH_IN_POSE = 28  # (4, 4) of a 6 x 6 covariance, row-major: rotation about y
 LATERAL_IN_TWIST = 7  # (1, 1): velocity along y
 YAW_IN_TWIST = 35  # (5, 5): rate of rotation about z
 YAW_IN_RATES = 8  # (2, 2) of a 3 x 3 covariance
+ROLL_IN_ORIENTATION = 0  # (0, 0) of a 3 x 3 covariance
 PITCH_IN_ORIENTATION = 4  # (1, 1) of a 3 x 3 covariance
 
 ESTIMATE = "msg_defs/msg/TerrainEstimate"

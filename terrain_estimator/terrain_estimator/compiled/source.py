@@ -156,7 +156,8 @@ def _by_wheel(
     noise = torch.randn(len(packed), 3, generator=generator, dtype=torch.float64)
     spreads = torch.tensor([_ASIDE, _TURN, _LEAN], dtype=torch.float64).expand_as(noise)
     lateral, turn, roll = (noise * spreads).unbind(1)
-    moved = torch.stack([lateral, spreads[:, 0], turn, spreads[:, 1], roll], 1)
+    of_lateral, of_turn, of_roll = spreads.unbind(1)
+    moved = torch.stack([lateral, of_lateral, turn, of_turn, roll, of_roll], 1)
     rest = packed[:, first:]
     parts = [wheels, rest[:, :-TIMING], rims, torch.zeros_like(rims), moved, rest[:, -TIMING:]]
     return torch.cat(parts, 1)

@@ -225,7 +225,8 @@ class ConversionConfig:
         key="default_sd.velocity",
     )
     default_pitch_sd: float = number(
-        "standard deviation for a pitch without a variance; 0: such an observation is refused",
+        "standard deviation for a pitch without a variance; 0: such an observation is refused. A"
+        " roll without one is known as well as the pitch",
         "rad",
         0.0,
         1.0,

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The model of a rover whose wheels are estimated one by one: its physics, without a net."""
 
+import math
 from collections.abc import Sequence
 
 import torch
@@ -18,8 +19,10 @@ from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.wheel_balances import geometry_by_wheel
 from terramechanics.vehicle.wheel_places import WheelPlaces
 
-CENTRE_OF_MASS_Y = "centre_of_mass_y"
-"""Name of the parameter that stands where other models have a learnt weight."""
+BODY_PARAMETERS = ("centre_of_mass_y", "roll_bias")
+"""[m], [rad] Names of the parameters that stand where other models have learnt weights."""
+ROLL_BIAS_SD = math.radians(0.5)
+"""[rad] Deviation of the constant error of the roll: how well an imu is aligned to the body."""
 
 
 def build_model_by_wheel(
@@ -48,26 +51,32 @@ def build_model_by_wheel(
     )
     constants = torch.stack([soil.constants() for soil in soils])
     physics = PhysicsByWheel(Physics(body, constants, prior.constants_sd), side, places.yaw_inertia)
-    model = PAlpaca(physics, centre_of_mass_column(rover, rows), prior)
+    model = PAlpaca(physics, body_columns(rover, rows), prior)
     always = torch.tensor([0.0, 1.0], dtype=torch.float64)
     model.hypotheses.net_log_weight.copy_(always.log())
-    model.hypotheses.net_precision.fill_(prior.centre_of_mass_sd**-2)
+    deviations = torch.tensor([prior.centre_of_mass_sd, ROLL_BIAS_SD], dtype=torch.float64)
+    model.hypotheses.net_precision.copy_(deviations**-2)
     return model
 
 
-def centre_of_mass_column(rover: Rover, rows: Sequence[str]) -> NetFeatures:
-    """Return the column [R] of the centre of mass [m] to the left, in the place of a net.
+def body_columns(rover: Rover, rows: Sequence[str]) -> NetFeatures:
+    """Return the columns [R, 2] of BODY_PARAMETERS, in the place of a net.
 
-    A planar rover has none, so that the parameters that are the rover's own lack it. The net is one
-    constant: what a shift of the centre changes in the roll moment.
+    A planar rover has neither, so that the parameters that are the rover's own lack them. The net
+    is constant: what a centre of mass further to the left changes in the roll moment, and what a
+    roll that is read too large changes in the target of the lateral velocity.
     """
     distinct = [row for row in rows if row != "acceleration"]
-    place = distinct.index("roll_moment")
-    scale = torch.zeros(len(distinct), dtype=torch.float64)
-    scale[place] = -1.0 / (rover.axle_x[0] - rover.axle_x[-1])
-    column = NetFeatures(len(rover.wheels), 1, 1, 1.0, scale)
-    for parameter in column.parameters():
+    changes = {
+        "roll_moment": -1.0 / (rover.axle_x[0] - rover.axle_x[-1]),
+        "lateral_velocity": rover.gravity,
+    }
+    scale = torch.tensor([changes.get(row, 0.0) for row in distinct], dtype=torch.float64)
+    columns = NetFeatures(len(rover.wheels), len(changes), 1, 1.0, scale)
+    for parameter in columns.parameters():
         parameter.requires_grad = False
         parameter.zero_()
-    column.state_dict()["layers.4.bias"][place] = 1.0  # shares its memory
-    return column
+    bias = columns.state_dict()["layers.4.bias"].view(len(distinct), -1)  # shares its memory
+    for column, row in enumerate(changes):
+        bias[distinct.index(row), column] = 1.0
+    return columns

@@ -13,7 +13,7 @@ from typing import BinaryIO
 import torch
 from torch import Tensor
 
-from terrain_estimator.learning.by_wheel import CENTRE_OF_MASS_Y
+from terrain_estimator.learning.by_wheel import BODY_PARAMETERS
 from terrain_estimator.model.metadata import (
     FORMAT,
     Metadata,
@@ -55,7 +55,7 @@ def export(
     by_wheel = wheel_places is not None
     weights = tuple(f"net_{index}" for index in range(model.net.columns))
     if by_wheel:
-        weights = (CENTRE_OF_MASS_Y,)
+        weights = BODY_PARAMETERS
     constants = UNCERTAIN[: model.layout.constants]
     metadata = Metadata(
         format=FORMAT,

@@ -41,6 +41,8 @@ from terrain_estimator.topics import (
     LATERAL_IN_TWIST,
     PITCH_IN_ORIENTATION,
     PITCH_IN_POSE,
+    ROLL_IN_ORIENTATION,
+    ROLL_IN_POSE,
     YAW_IN_RATES,
     YAW_IN_TWIST,
     Message,
@@ -301,25 +303,26 @@ def _add_body(
     spread = _deviations(odom["twist.covariance"][:, 0], config.default_velocity_sd)
     found.put("velocity_sd", spread)
     orientation = [odom[name] for name in _POSE]
-    variance = odom["pose.covariance"][:, PITCH_IN_POSE]
+    variances = odom["pose.covariance"][:, [PITCH_IN_POSE, ROLL_IN_POSE]]
     if imu is not None:
         given = imu["orientation_covariance"][:, 0] != NOT_MEASURED
         both = zip(_ORIENTATION, orientation, strict=True)
         orientation = [np.where(given, imu[name], other) for name, other in both]
-        own = imu["orientation_covariance"][:, PITCH_IN_ORIENTATION]
-        variance = np.where(given, own, variance)
+        own = imu["orientation_covariance"][:, [PITCH_IN_ORIENTATION, ROLL_IN_ORIENTATION]]
+        variances = np.where(given[:, np.newaxis], own, variances)
         specific = imu["linear_acceleration.x"].tolist()
-        variances = imu["linear_acceleration_covariance"][:, 0].tolist()
+        noise = imu["linear_acceleration_covariance"][:, 0].tolist()
         default = config.default_acceleration_sd
-        measured = [
-            acceleration_of(*each, default) for each in zip(specific, variances, strict=True)
-        ]
+        measured = [acceleration_of(*each, default) for each in zip(specific, noise, strict=True)]
         found.put("acceleration", [value for value, _ in measured])
         found.put("acceleration_sd", [deviation for _, deviation in measured])
     angles = [each.tolist() for each in orientation]
     found.put("pitch", list(map(pitch_of, *angles)))
-    found.put("pitch_sd", _deviations(variance, config.default_pitch_sd))
+    pitch_sds = _deviations(variances[:, 0], config.default_pitch_sd)
+    found.put("pitch_sd", pitch_sds)
     found.put("roll", list(map(roll_of, *angles)))
+    rolls = zip(variances[:, 1].tolist(), pitch_sds, strict=True)
+    found.put("roll_sd", [deviation_of(*each) for each in rolls])
     covariance = odom["twist.covariance"]
     lateral = _optional(left, covariance[:, LATERAL_IN_TWIST], config.default_lateral_velocity_sd)
     yaw = _optional(turn, covariance[:, YAW_IN_TWIST], config.default_yaw_rate_sd)

@@ -39,6 +39,8 @@ from terrain_estimator.topics import (
     LATERAL_IN_TWIST,
     PITCH_IN_ORIENTATION,
     PITCH_IN_POSE,
+    ROLL_IN_ORIENTATION,
+    ROLL_IN_POSE,
     YAW_IN_RATES,
     YAW_IN_TWIST,
     Message,
@@ -47,6 +49,7 @@ from terramechanics.description.layout import STEERING_SUFFIX
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.wheel_places import wheel_order
 
+_Angle = tuple[float, float]  # [rad] and its standard deviation
 Groups = tuple[tuple[int, ...], ...]  # per axle: positions of its wheels in the message
 
 
@@ -210,7 +213,7 @@ class Converter:
         sinkages, sinkage_sds = self._axle_means(depth, notes)
         angles, angle_sds = self._axle_means(angle, notes)
         rates, torques, torque_sds = self._joints(joints, notes)
-        pitch, pitch_sd, roll = self._attitude(odom, imu)
+        (pitch, pitch_sd), (roll, roll_sd) = self._attitude(odom, imu)
         acceleration, acceleration_sd = self._acceleration(imu)
         lateral_velocity, lateral_velocity_sd = optional_of(
             odom.twist.twist.linear.y,
@@ -237,6 +240,7 @@ class Converter:
             acceleration_sd=acceleration_sd,
             bogie_angle=self._bogie_angle(joints),
             roll=roll,
+            roll_sd=roll_sd,
             lateral_velocity=lateral_velocity,
             lateral_velocity_sd=lateral_velocity_sd,
             yaw_rate=yaw_rate,
@@ -380,20 +384,21 @@ class Converter:
         """Return the standard deviation [N m] of the torque of one wheel."""
         return math.hypot(self.config.torque_relative_sd * torque, self.torque_absolute_sd)
 
-    def _attitude(self, odom: Message, imu: Message) -> tuple[float, float, float]:
-        """Return the nose-up pitch [rad], its standard deviation, and the roll [rad].
+    def _attitude(self, odom: Message, imu: Message) -> tuple[_Angle, _Angle]:
+        """Return the nose-up pitch and the roll.
 
-        The imu gives it where it has an orientation, else odom.
+        The imu gives them where it has an orientation, else odom. A roll without a variance is
+        known as well as the pitch.
         """
         if imu is not None and imu.orientation_covariance[0] != NOT_MEASURED:
-            orientation, variance = (
-                imu.orientation,
-                imu.orientation_covariance[PITCH_IN_ORIENTATION],
-            )
+            orientation, covariance = imu.orientation, imu.orientation_covariance
+            places = PITCH_IN_ORIENTATION, ROLL_IN_ORIENTATION
         else:
-            orientation, variance = odom.pose.pose.orientation, odom.pose.covariance[PITCH_IN_POSE]
-        deviation = deviation_of(variance, self.config.default_pitch_sd)
-        return nose_up_pitch(orientation), deviation, roll_left_up(orientation)
+            orientation, covariance = odom.pose.pose.orientation, odom.pose.covariance
+            places = PITCH_IN_POSE, ROLL_IN_POSE
+        pitch_sd = deviation_of(covariance[places[0]], self.config.default_pitch_sd)
+        roll_sd = deviation_of(covariance[places[1]], pitch_sd)
+        return (nose_up_pitch(orientation), pitch_sd), (roll_left_up(orientation), roll_sd)
 
     def _yaw_rate(self, odom: Message, imu: Message) -> tuple[float, float]:
         """Return the yaw rate [rad/s] and its deviation: the imu's where it is usable."""

@@ -324,6 +324,7 @@ def warm_up(model: LoadedModel, config: EstimatorConfig) -> None:
                 acceleration_sd=0.05,
                 bogie_angle=0.0,
                 roll=0.0,
+                roll_sd=0.01,
                 lateral_velocity=0.0,
                 lateral_velocity_sd=0.01,
                 yaw_rate=0.0,

@@ -27,14 +27,15 @@ class BodyMotion(NamedTuple):
     yaw_rate: Tensor  # [n] [rad/s]
     yaw_rate_sd: Tensor  # [n]
     roll: Tensor  # [n] [rad]
+    roll_sd: Tensor  # [n]
 
 
 def body_motion(view: PackedView) -> BodyMotion:
     """Return the motion that stands where other layouts have wheel rates."""
     wheels = view.slip.shape[-1]
-    rim, steering, scalars = view.wheel_rate.split_with_sizes([wheels, wheels, 5], -1)
-    lateral, lateral_sd, yaw_rate, yaw_rate_sd, roll = scalars.unbind(-1)
-    return BodyMotion(rim, steering, lateral, lateral_sd, yaw_rate, yaw_rate_sd, roll)
+    rim, steering, scalars = view.wheel_rate.split_with_sizes([wheels, wheels, 6], -1)
+    lateral, lateral_sd, yaw_rate, yaw_rate_sd, roll, roll_sd = scalars.unbind(-1)
+    return BodyMotion(rim, steering, lateral, lateral_sd, yaw_rate, yaw_rate_sd, roll, roll_sd)
 
 
 def moves(motion: BodyMotion, steepest: float = STEEPEST_STEERING) -> Tensor:
@@ -54,6 +55,7 @@ def safe_motion(motion: BodyMotion, usable: Tensor) -> BodyMotion:
         torch.where(known, motion.yaw_rate, 0.0),
         torch.where(known, motion.yaw_rate_sd, 0.0),
         torch.where(known, motion.roll, 0.0),
+        torch.where(known, motion.roll_sd, 0.0),
     )
 
 

@@ -56,7 +56,9 @@ BLOCK = 10
 """Observations in a block: one second at 10 Hz."""
 
 
-BY_WHEEL = ("lateral_velocity", "lateral_velocity_sd", "yaw_rate", "yaw_rate_sd", "roll")
+BY_WHEEL = (
+    "lateral_velocity", "lateral_velocity_sd", "yaw_rate", "yaw_rate_sd", "roll", "roll_sd",
+)  # fmt: skip
 """Scalars of a model by wheel, as in Observation; rims and steering come before them."""
 
 

@@ -249,7 +249,6 @@ class PhysicsByWheel(nn.Module):
 
         ``by_left`` [n, W, 4, 3] is the change of the forces by the hubs' velocity to the left.
         """
-        view = frame.measured
         acting = frame.levers[:, :, 0] @ by_left  # [n, W, R, 3]
         of_lateral = acting.sum(1) * motion.lateral_sd[:, None, None]
         turned = (acting * self.nominal.axle_x[:, None, None]).sum(1)
@@ -257,8 +256,8 @@ class PhysicsByWheel(nn.Module):
         moved = torch.stack([of_lateral, of_yaw, torch.zeros_like(of_yaw)], 2)  # [n, R, 3, 3]
         # the change of a row is less that of its target
         none = torch.zeros_like(motion.roll)
-        level = self.gravity * torch.cos(motion.roll) * view.pitch_sd
-        lateral = torch.stack([none, view.velocity * motion.yaw_rate_sd, level], 1)
+        level = self.gravity * torch.cos(motion.roll) * motion.roll_sd
+        lateral = torch.stack([none, frame.measured.velocity * motion.yaw_rate_sd, level], 1)
         moved = moved - self.in_last(lateral, torch.zeros_like(lateral), moved.shape[1])
         sources = nn.functional.pad(
             moved.unsqueeze(0), [0, 0, 0, 0, 0, 0, 0, 0, 0, rows.noise.shape[0] - 1]
@@ -383,7 +382,8 @@ class PhysicsByWheel(nn.Module):
         ahead = slope * view.velocity + share * self.gravity * torch.sin(view.pitch)
         there = used.select(1, count - 1)
         columns = nn.functional.pad(
-            (ahead * per_shift * there).view(-1, 1, 1), [0, 0, count - 1, 0]
+            (ahead * per_shift * there).view(-1, 1, 1),
+            [0, learnt.shape[2] - 1, count - 1, 0],
         )
         fixed = nominal.fixed_columns
         shifted = nn.functional.pad(
