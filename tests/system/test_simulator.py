@@ -101,12 +101,9 @@ def test_in_real_time_it_keeps_10_hz_without_drift_and_stamps_with_the_present(
     stamps = np.array([stamp_ns(message) for message in slips])
     assert set(np.diff(stamps)) == {100_000_000}
     assert abs(stamps[-1] - time.time_ns()) < 1_000_000_000
-    beats = np.array(arrivals) * 1e-9
-    assert float(np.median(np.diff(beats))) == pytest.approx(0.1, rel=0.02)
-    # Lateness of single messages is that of a busy machine; it must not add up over 40 of them.
-    assert float(np.median(beats[-10:] - beats[:10])) == pytest.approx(
-        0.1 * (len(beats) - 10), abs=0.05
-    )
+    # A busy machine delays messages, but hardly ten in a row: the least late ones tell the pace.
+    late = np.array(arrivals) * 1e-9 - 0.1 * np.arange(len(arrivals))
+    assert abs(float(late[-10:].min() - late[:10].min())) < 0.05
     assert process.terminate() == 0
 
 
