@@ -57,6 +57,7 @@ from terramechanics.vehicle.wheel_places import WheelPlaces, wheel_order
 
 SEED = 82_000_000
 Flags = NDArray[np.bool_]
+CORE = CoreConfig()
 CONSTANTS_OFF = 0.05
 """[1] Each soil constant is uniform within this share of the file's."""
 YAW_RATES = {"four_wheel_rover": (0.0, 0.2, 0.4, 0.6), "mars_rover": (0.0, 0.02, 0.05)}
@@ -70,6 +71,8 @@ WRONG_CENTRE: dict[str, tuple[tuple[str, float, float], ...]] = {
     "mars_rover": (("0.05 rad/s commanded", 0.05, 0.0), ("across 10°", 0.0, 10.0)),
 }
 """Words, yaw rate [rad/s] and slope across [deg] of motions with such an error."""
+NO_SINKAGES = "sinkages not measured"
+"""What the name of a motion ends with where the sinkages are not measured."""
 ROLL_ACROSS, ROLL_OFF = 10.0, "roll off by 0.5° (one deviation)"
 """[deg] Slope across which the roll has a constant error, of ROLL_BIAS_SD, in each drive."""
 TURNING = (0.0, 0.3, 0.6)
@@ -205,9 +208,14 @@ class Ended:
         return np.array([status_of(each, self.rows) is Status.IDENTIFIED for each in self.updates])
 
 
-def ended(model: LoadedModel, found: list[list[Observation]], truth: Floats) -> Ended:
+def ended(
+    model: LoadedModel,
+    found: list[list[Observation]],
+    truth: Floats,
+    core: CoreConfig = CORE,
+) -> Ended:
     """Run the node's estimator over each drive."""
-    core, updates, used, count = CoreConfig(), [], 0, 0
+    updates, used, count = [], 0, 0
     for observations in found:
         estimator = Estimator(model, core)
         every = [estimator.update(observation) for observation in observations]
@@ -253,6 +261,8 @@ def lines(kind: Kind, drives: int = DRIVES, samples: int = SAMPLES) -> Iterator[
         for words, yaw_rate, lean in WRONG_CENTRE[kind.rover]
     ]
     motions.append((f"across {ROLL_ACROSS:g}°, {ROLL_OFF}", 0.0, ROLL_ACROSS, 0.0))
+    blind = [("straight, level", 0.0, 0.0), *WRONG_CENTRE[kind.rover]]
+    motions += [(f"{words}, {NO_SINKAGES}", yaw_rate, lean, 0.0) for words, yaw_rate, lean in blind]
     for words, yaw_rate, lean, shift in motions:
         generator = torch.Generator().manual_seed(SEED)
         drawn = torch.rand(DRIVES, 6, generator=generator, dtype=torch.float64)
@@ -263,13 +273,14 @@ def lines(kind: Kind, drives: int = DRIVES, samples: int = SAMPLES) -> Iterator[
         found = observed(rover, driven, strength, order, generator)[:drives]
         if words.endswith(ROLL_OFF):
             found = [_rolled(drive, generator) for drive in found]
-        result = ended(model, found, strength.numpy()[:drives])
+        core = CoreConfig(use_sinkage=not words.endswith(NO_SINKAGES))
+        result = ended(model, found, strength.numpy()[:drives], core)
         error = np.median(np.abs(result.mean / result.truth - 1.0), 0)
         spread = np.median(result.deviation / result.truth, 0)
         held, whole = result.holds.sum(0), result.identified
         outside = (whole & ~result.holds.all(1)).sum()
         yield (
-            words if yaw_rate or lean else "straight, level",
+            words.replace("0 rad/s commanded", "straight, level") if words[:2] == "0 " else words,
             f"{100.0 * result.used:.0f} %",
             f"{100.0 * error[0]:.1f} / {100.0 * error[1]:.1f} %",
             f"{100.0 * spread[0]:.1f} / {100.0 * spread[1]:.1f} %",

@@ -4,7 +4,8 @@
 
 It is the rover's physics alone, so that nothing is trained. The estimator takes it as any model and
 then uses turns, cross slopes, skid steering and backing out, where a model by axle refuses them.
-It needs lateral velocity, yaw rate and roll, and the rate and sinkage of every wheel.
+It needs lateral velocity, yaw rate and roll, and of every wheel the rate, and the sinkage or the
+torque.
 
 Exit codes: 0 written and checked; 2 an argument, rover or soil file is wrong.
 """

@@ -31,7 +31,7 @@ from terrain_estimator.model.packed_observation import (
     pack,
 )
 from terrain_estimator.model.report import Report
-from terrain_estimator.model.row_names import BESIDE
+from terrain_estimator.model.row_names import BESIDE, ROLL_MOMENT
 from terrain_estimator.model.runtime import RuntimeState
 from terrain_estimator.observation import OFF_PLANE, Floats, Observation
 from terrain_estimator.outcome import Outcome
@@ -76,7 +76,7 @@ class Estimator:
         if not (config.use_sinkage or model.balances_sinkage):
             raise ConfigError(
                 f"parameter use_sinkage: model {model.model_id} needs every sinkage: it has named"
-                " effects or another contact law, or is by wheel"
+                " effects or another contact law"
             )
         self._step_s, self._block = model.metadata.step_s, model.metadata.block
         self._beliefs = Beliefs.of(model.metadata, config)
@@ -374,12 +374,13 @@ class Estimator:
     ) -> Decision:
         distance, observation = report.distance, screening.observation
         # less what turns the wheel, which is unknown without its rate
-        balances = ("load", *self._moments) if math.isfinite(observation.bogie_angle) else ("load",)
+        moments = self._moments if math.isfinite(observation.bogie_angle) else ()
+        if math.isnan(observation.sinkage[0]):  # the other balances are spent on the sinkages
+            balances = tuple(row for row in moments if row == ROLL_MOMENT)
+        else:
+            balances = ("load", *moments)
         rows = _rows(
-            tuple(map(math.isfinite, torque)),
-            math.isfinite(observation.acceleration),
-            # without sinkages all balances are spent on these
-            () if math.isnan(observation.sinkage[0]) else balances,
+            tuple(map(math.isfinite, torque)), math.isfinite(observation.acceleration), balances
         )
         rows += self._beside
         threshold = self._gate if math.isfinite(self._gate) else _NAN  # no gate applies

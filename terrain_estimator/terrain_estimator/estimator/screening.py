@@ -241,8 +241,8 @@ def _mask(
     missing = _without_sinkage(observation)
     if 0 < len(missing) < len(observation.sinkage):
         changes["sinkage"] = np.full_like(observation.sinkage, math.nan)
-        axles = ", ".join(map(str, missing))
-        details.append(f"sinkage of axle {axles} is nan: the balances tell those of all axles")
+        where = ", ".join(names[axle] for axle in missing)
+        details.append(f"{where}: sinkage is nan: the balances tell that of each")
     masked = observation
     if details:
         masked = dataclasses.replace(observation, **changes)  # type: ignore[arg-type]

@@ -4,20 +4,24 @@
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, cast
 
 import torch
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.model.net import NetFeatures
+from terrain_estimator.model.body_columns import BodyColumns
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics import Physics, RoverBody
 from terrain_estimator.model.physics_by_wheel import PhysicsByWheel
 from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior
-from terrain_estimator.model.row_names import row_names_by_wheel
+from terrain_estimator.model.row_names import ROLL_MOMENT, row_names_by_wheel
 from terramechanics.terrain.soil import WONG_REECE, Soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.wheel_balances import geometry_by_wheel
-from terramechanics.vehicle.wheel_places import WheelPlaces
+from terramechanics.vehicle.wheel_places import WheelPlaces, wheel_order
+
+if TYPE_CHECKING:
+    from terrain_estimator.model.net import NetFeatures
 
 BODY_PARAMETERS = ("centre_of_mass_y", "roll_bias")
 """[m], [rad] Names of the parameters that stand where other models have learnt weights."""
@@ -50,8 +54,11 @@ def build_model_by_wheel(
         geometry,
     )
     constants = torch.stack([soil.constants() for soil in soils])
-    physics = PhysicsByWheel(Physics(body, constants, prior.constants_sd), side, places.yaw_inertia)
-    model = PAlpaca(physics, body_columns(rover, rows), prior)
+    nominal = Physics(body, constants, prior.constants_sd)
+    axles = [rover.wheels[k].axle for k in wheel_order(rover)]
+    physics = PhysicsByWheel(nominal, side, places.yaw_inertia, rows, axles)
+    columns = cast("NetFeatures", body_columns(rover, rows))  # has the methods that are called
+    model = PAlpaca(physics, columns, prior)
     always = torch.tensor([0.0, 1.0], dtype=torch.float64)
     model.hypotheses.net_log_weight.copy_(always.log())
     deviations = torch.tensor([prior.centre_of_mass_sd, ROLL_BIAS_SD], dtype=torch.float64)
@@ -59,24 +66,14 @@ def build_model_by_wheel(
     return model
 
 
-def body_columns(rover: Rover, rows: Sequence[str]) -> NetFeatures:
-    """Return the columns [R, 2] of BODY_PARAMETERS, in the place of a net.
+def body_columns(rover: Rover, rows: Sequence[str]) -> BodyColumns:
+    """Return the columns of BODY_PARAMETERS, in the place of a net.
 
-    A planar rover has neither, so that the parameters that are the rover's own lack them. The net
-    is constant: what a centre of mass further to the left changes in the roll moment, and what a
-    roll that is read too large changes in the target of the lateral velocity.
+    A planar rover has neither, so that the parameters that are the rover's own lack them. A centre
+    of mass further to the left changes the roll moment, a roll that is read too large the target of
+    the lateral velocity.
     """
-    distinct = [row for row in rows if row != "acceleration"]
-    changes = {
-        "roll_moment": -1.0 / (rover.axle_x[0] - rover.axle_x[-1]),
-        "lateral_velocity": rover.gravity,
-    }
-    scale = torch.tensor([changes.get(row, 0.0) for row in distinct], dtype=torch.float64)
-    columns = NetFeatures(len(rover.wheels), len(changes), 1, 1.0, scale)
-    for parameter in columns.parameters():
-        parameter.requires_grad = False
-        parameter.zero_()
-    bias = columns.state_dict()["layers.4.bias"].view(len(distinct), -1)  # shares its memory
-    for column, row in enumerate(changes):
-        bias[distinct.index(row), column] = 1.0
-    return columns
+    table = torch.zeros(len(rows), len(BODY_PARAMETERS), dtype=torch.float64)
+    table[rows.index(ROLL_MOMENT), 0] = -1.0 / (rover.axle_x[0] - rover.axle_x[-1])
+    table[rows.index("lateral_velocity"), 1] = rover.gravity
+    return BodyColumns(table)

@@ -346,7 +346,7 @@ def usable_rows(rows: tuple[str, ...], config: CoreConfig) -> tuple[str, ...]:
         "acceleration": config.use_imu,
         "moment": balances,
         "bogie_moment": balances,
-        "roll_moment": balances,
+        "roll_moment": config.use_moments,
     }
     off = tuple(name for name, use in used.items() if not use)
     return tuple(row for row in rows if not row.startswith(off))

@@ -125,8 +125,7 @@ class Metadata:
     @property
     def balances_sinkage(self) -> bool:
         """Whether the model can take sinkages that no sensor measures from the balances."""
-        straight = self.wheel_places is None
-        return straight and not self.effects and all(soil.law == WONG_REECE for soil in self.soils)
+        return not self.effects and all(soil.law == WONG_REECE for soil in self.soils)
 
 
 def model_names() -> tuple[str, ...]:

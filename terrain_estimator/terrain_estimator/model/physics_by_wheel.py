@@ -18,11 +18,13 @@ turning rover's acceleration ahead has the part -omega v_y, which comes with the
 (``packed_observation``).
 """
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor, nn
 
 from terrain_estimator.model.agreement import LARGEST_ERROR, Agreement
-from terrain_estimator.model.block import block_rows
+from terrain_estimator.model.block import block_rows, row_weights, velocity_twice
 from terrain_estimator.model.body_motion import (
     BodyMotion,
     block_slopes,
@@ -36,6 +38,7 @@ from terrain_estimator.model.packing import (
     view_of,
     with_body_motion,
     with_sinkage,
+    with_sinkage_and_sd,
     with_slip,
 )
 from terrain_estimator.model.physics import Physics, SoilRows
@@ -53,7 +56,16 @@ from terrain_estimator.model.rows import (
     values_alone,
     varied_inputs,
 )
+from terrain_estimator.model.unmeasured import SMALL as LITTLE
+from terrain_estimator.model.unmeasured import lacks_sinkage, usual_sinkage
+from terrain_estimator.model.unmeasured_by_wheel import (
+    found_sinkage,
+    spent_on_sinkage,
+    spent_rows,
+    without_spent,
+)
 from terramechanics.contact.rolling import WheelMotion, rolling_forces
+from terramechanics.numerics.batching import any_of
 from terramechanics.vehicle.suspension import Geometry
 from terramechanics.vehicle.wheel_balances import motion_across, wheel_balances
 from terramechanics.vehicle.wheel_places import WIDEST_SLIP
@@ -81,12 +93,23 @@ class PhysicsByWheel(nn.Module):
 
     wheel_y: Tensor
     yaw_inertia: Tensor
+    spent: Tensor
+    kept: Tensor
+    telling: Tensor
     unsteady: Tensor
 
-    def __init__(self, nominal: Physics, wheel_y: Tensor, yaw_inertia: float) -> None:
+    def __init__(
+        self,
+        nominal: Physics,
+        wheel_y: Tensor,
+        yaw_inertia: float,
+        rows: Sequence[str],
+        axles: list[int],
+    ) -> None:
         """Take the physics with wheels in the place of axles, and what a planar rover lacks.
 
-        ``wheel_y`` [W] is in m, ``yaw_inertia`` in kg m^2.
+        ``wheel_y`` [W] is in m, ``yaw_inertia`` in kg m^2; ``rows`` are the rows' names and
+        ``axles`` the axles of the wheels.
         """
         super().__init__()
         self.nominal = nominal
@@ -95,7 +118,7 @@ class PhysicsByWheel(nn.Module):
             nominal.known_soils,
             nominal.uncertain_constants,
         )
-        self.effect_values, self.small, self.fewest = 0, SMALL, FEWEST
+        self.effect_values, self.small, self.fewest, self.little = 0, SMALL, FEWEST, LITTLE
         self.rounds, self.largest, self.widest = ROUNDS, LARGEST_ERROR, WIDEST_SLIP
         self.least_slip, self.most_slip = INSIDE
         self.unsteady_share = UNSTEADY**2
@@ -105,6 +128,11 @@ class PhysicsByWheel(nn.Module):
         wheelbase = float(nominal.axle_x.amax() - nominal.axle_x.amin())
         unsteady = [nominal.gravity**2, (nominal.gravity / wheelbase * float(scaled)) ** 2]
         self.register_buffer("unsteady", torch.tensor(unsteady, dtype=torch.float64))
+        spent, telling = spent_rows(rows, axles)
+        self.register_buffer("spent", torch.tensor(spent))
+        self.register_buffer("telling", torch.tensor(telling))
+        kept = [float(place not in spent) for place in range(len(rows))]
+        self.register_buffer("kept", torch.tensor(kept, dtype=torch.float64))
 
     def constants_of(self, chosen: Tensor, deviations: Tensor) -> tuple[Tensor, Tensor]:
         """Return the constants of the ``chosen`` soil, as the nominal physics does."""
@@ -112,9 +140,8 @@ class PhysicsByWheel(nn.Module):
 
     def usable(self, view: PackedView, leading: Tensor) -> Tensor:
         """Return the usable wheels, as the nominal physics does; each motion has to be known."""
-        known = torch.isfinite(view.sinkage) & moves(body_motion(view))
         inside = view_of(with_slip(view.packed, self.inside(view.slip)), self.axles)
-        return self.nominal.usable(inside, leading) & known
+        return self.nominal.usable(inside, leading) & moves(body_motion(view))
 
     def inside(self, slip: Tensor) -> Tensor:
         """Return slips within the range of a planar rover's law; NaN beyond WIDEST_SLIP."""
@@ -124,9 +151,35 @@ class PhysicsByWheel(nn.Module):
     def balanced(
         self, view: PackedView, constants: Tensor, varied: Tensor, strength: Tensor
     ) -> PackedView:
-        """Return the observation as it is: there are fewer balances than wheels."""
-        del constants, varied, strength
-        return view
+        """Return one observation with the sinkages that balances and torques make most likely.
+
+        Arguments as of the nominal physics; one with all sinkages is returned as it is.
+        """
+        packed = view.packed.unsqueeze(0)
+        if not any_of(lacks_sinkage(packed, self.axles)):
+            return view
+        contact = values_alone(self.nominal.contact_of(constants, varied))
+        theta = torch.cat([strength, torch.ones_like(strength[:1])])
+        missing = torch.isnan(view_of(packed, self.axles).sinkage)
+        return view_of(self.with_sinkages(packed, missing, contact, theta)[0], self.axles)
+
+    def with_sinkages(
+        self, packed: Tensor, missing: Tensor, contact: ContactModel, theta: Tensor
+    ) -> Tensor:
+        """Return observations [n, P] with what :func:`found_sinkage` finds where one is missing.
+
+        ``missing`` is bool [n, W]; there ``packed`` has NaN, or what was found before.
+        """
+        view = view_of(packed, self.axles)
+        depth = torch.where(torch.isnan(view.sinkage), usual_sinkage(contact), view.sinkage)
+        frame = self.frame(with_sinkage(packed, depth), contact)
+        motion = safe_motion(body_motion(frame.measured), frame.usable)
+        left = self.hub_velocity(motion)
+        moved = motion_across(frame.measured.slip, motion.rim, motion.steering, left)
+        found = found_sinkage(frame, WheelMotion(*moved), missing, contact, theta, self.telling)
+        depth = torch.where(missing, found, view.sinkage)
+        deviation = torch.where(missing, self.little * depth, view.sinkage_sd)
+        return with_sinkage_and_sd(packed, depth, deviation)
 
     def hub_velocity(self, motion: BodyMotion) -> Tensor:
         """Return the velocity of the hubs along the body's y, [..., W] [m/s]."""
@@ -302,9 +355,17 @@ class PhysicsByWheel(nn.Module):
         return Rows(features, noise - read, target, variance, rows.used, rows.taken)
 
     def agreed(
-        self, frame: Frame, packed: Tensor, contact: ContactModel, theta: Tensor, chosen: Tensor
+        self,
+        frame: Frame,
+        packed: Tensor,
+        contact: ContactModel,
+        theta: Tensor,
+        chosen: Tensor,
+        missing: Tensor,
     ) -> Agreement:
         """Return the inputs on which the rows agree best, as ``agreement`` does for a planar rover.
+
+        ``missing`` [n, W] are the wheels whose sinkage ``packed`` has from the rows.
 
         Wheels that slip little turn their shear far with a small motion across: the steps are
         repeated.
@@ -314,7 +375,7 @@ class PhysicsByWheel(nn.Module):
         view = view_of(packed, wheels)
         motion = body_motion(view)
         for _ in range(self.rounds):
-            rows = self.rows(frame, likely, alone, None)
+            rows = self.spent_where(missing, self.rows(frame, likely, alone, None), theta)
             others = rows.used.shape[1] - 1
             used = (rows.used * chosen).narrow(1, 1, others)
             noise = (rows.noise[0] @ theta).narrow(1, 1, others) * used.unsqueeze(-1)
@@ -327,7 +388,7 @@ class PhysicsByWheel(nn.Module):
             told, surprise = white.split_with_sizes([noise.shape[2], 1], 2)
             error = (told * surprise).sum(1).clamp(-self.largest, self.largest)
             faster, deeper, _, aside, turned, _ = error.split_with_sizes(
-                [wheels, wheels, wheels + 1, 1, 1, 1], 1
+                [wheels, wheels, wheels + 1, 1, 1, noise.shape[2] - 3 * wheels - 3], 1
             )
             slip = view.slip + view.slip_sd * faster
             sunk = torch.maximum(view.sinkage + view.sinkage_sd * deeper, 0.3 * view.sinkage)
@@ -338,6 +399,9 @@ class PhysicsByWheel(nn.Module):
             yaw_rate = motion.yaw_rate + motion.yaw_rate_sd * turned.squeeze(1)
             likely = with_sinkage(with_slip(packed, slip), sunk)
             likely = with_body_motion(likely, lateral, yaw_rate)
+            if any_of(missing):
+                likely = self.with_sinkages(likely, missing, alone, theta)
+                frame = self.frame(self.at_found(packed, likely, missing), contact)
             of_slip, of_sinkage, _ = told.split_with_sizes(
                 [wheels, wheels, noise.shape[2] - 2 * wheels], 2
             )
@@ -358,11 +422,32 @@ class PhysicsByWheel(nn.Module):
         theta = torch.cat([expansion[:2], torch.ones_like(expansion[:1])])
         view = view_of(packed, self.axles)
         known = torch.where(moves(body_motion(view)), view.slip, float("nan"))
-        packed = with_slip(packed, known)
+        packed, missing = with_slip(packed, known), torch.isnan(view.sinkage)
+        if any_of(missing):
+            packed = self.with_sinkages(packed, missing, values_alone(contact), theta)
         frame = self.frame(packed, contact)
-        agreed = self.agreed(frame, packed, contact, theta, chosen)
-        rows = self.rows(frame, agreed.inputs, contact, agreed.doubt)
-        return self.averaged(self.of_slopes(rows, frame), frame, learnt, deviations, chosen)
+        agreed = self.agreed(frame, packed, contact, theta, chosen, missing)
+        if any_of(missing):
+            frame = self.frame(self.at_found(packed, agreed.inputs, missing), contact)
+        rows = self.of_slopes(self.rows(frame, agreed.inputs, contact, agreed.doubt), frame)
+        rows = self.spent_where(missing, rows, theta)
+        return self.averaged(rows, frame, learnt, deviations, chosen)
+
+    def at_found(self, packed: Tensor, likely: Tensor, missing: Tensor) -> Tensor:
+        """Return observations [n, P] with the sinkages of ``likely`` where one is ``missing``.
+
+        Nothing was measured there, so that rows need not be moved to it.
+        """
+        found = view_of(likely, self.axles).sinkage
+        return with_sinkage(
+            packed, torch.where(missing, found, view_of(packed, self.axles).sinkage)
+        )
+
+    def spent_where(self, missing: Tensor, rows: Rows, theta: Tensor) -> Rows:
+        """Return ``rows`` as :func:`spent_on_sinkage` does where a sinkage is ``missing``."""
+        if not any_of(missing):
+            return rows
+        return spent_on_sinkage(rows, missing, theta, self.spent, self.kept)
 
     def averaged(
         self, rows: Rows, frame: Frame, learnt: Tensor, deviations: Tensor, chosen: Tensor
@@ -390,14 +475,21 @@ class PhysicsByWheel(nn.Module):
             (-per_shift * beside).view(1, 1), [1, fixed.shape[1] - 2, fixed.shape[0] - 1, 0]
         )
         velocity = torch.stack([view.velocity, view.velocity_sd**2], 1)
-        rows = Rows(rows.features, rows.noise, rows.target, rows.variance, used, rows.taken)
+        columns = columns + torch.where(used[:, :1].unsqueeze(-1) > 0.0, learnt, 0.0)
+        fixed, step = fixed + shifted, view.step * used[:, 0]
+        if rows.taken.shape[2] > 0:
+            columns = without_spent(columns, rows.taken, self.spent)
+            weight = row_weights(used, step).unsqueeze(-1)
+            multiples = (velocity_twice(rows.taken, 1) * weight).sum(0)
+            fixed = fixed - multiples @ fixed.index_select(0, self.spent + 1)
+        none = rows.taken.narrow(2, 0, 0)
         averaged = block_rows(
-            rows,
-            columns + torch.where(used[:, :1].unsqueeze(-1) > 0.0, learnt, 0.0),
-            view.step * used[:, 0],
+            Rows(rows.features, rows.noise, rows.target, rows.variance, used, none),
+            columns,
+            step,
             velocity,
             deviations,
-            fixed + shifted,
+            fixed,
             nominal.link_variance,
         )
         return SoilRows(averaged, rows.noise[0, :, 0])
@@ -426,9 +518,8 @@ class PhysicsByWheel(nn.Module):
         return torch.cat([row[:1], 1e3 * (row[1:] - row[:1])])
 
     def reevaluations(self, packed: Tensor) -> int:
-        """Return 0: the rows of a block are evaluated once."""
-        del packed
-        return 0
+        """Return how often at most the rows of a block are evaluated anew, as the nominal one."""
+        return self.nominal.reevaluations(packed)
 
     def has_moved(self, before: Tensor, after: Tensor) -> Tensor:
         """Return whether other rows would be needed, as the nominal physics does."""

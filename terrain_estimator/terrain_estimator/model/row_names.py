@@ -4,6 +4,8 @@
 
 BESIDE = ("lateral_velocity", "yaw_rate")
 """Last rows of a model by wheel, of how the body moves beside."""
+ROLL_MOMENT = "roll_moment"
+"""Balance of a model by wheel that is not spent on missing sinkages."""
 
 
 def row_names(axles: int) -> tuple[str, ...]:
@@ -31,6 +33,6 @@ def row_names_by_wheel(wheels: int, joints: int) -> tuple[str, ...]:
         "acceleration",
         "moment",
         *("bogie_moment" for _ in range(joints)),
-        "roll_moment",
+        ROLL_MOMENT,
         *BESIDE,
     )

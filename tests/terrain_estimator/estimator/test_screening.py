@@ -164,7 +164,7 @@ def test_one_missing_sinkage_takes_the_others_with_it_and_is_named() -> None:
     found = verdict(sinkage=at(1, math.nan, 0.018), bogie_angle=0.1)
     assert found.outcome is Outcome.ACCEPTED_PARTIALLY
     assert np.isnan(found.observation.sinkage).all()
-    assert "sinkage of axle 1 is nan" in found.detail
+    assert "axle 1: sinkage is nan" in found.detail
     again = screen(found.observation, None, MARS, CONFIG)
     assert again.outcome is Outcome.ACCEPTED
 

@@ -266,7 +266,6 @@ REFUSED: tuple[tuple[dict[str, object], Outcome, str], ...] = (
     ({"wheel_rate": np.array([1.0, math.nan, 1.0, 1.0])}, Outcome.NOT_FINITE, "front_right: wheel"),
     ({"steering": np.array([0.0, 0.0, 1.2, 0.0])}, Outcome.OUT_OF_RANGE, "rear_left: steering 1.2"),
     ({"steering": np.full(4, math.nan)}, Outcome.NOT_FINITE, "front_left: steering is nan"),
-    ({"sinkage": np.array([0.01, 0.01, math.nan, 0.01])}, Outcome.NOT_FINITE, "left: sinkage is"),
     ({"lateral_velocity": 1.3, "yaw_rate": 9.0}, Outcome.OUT_OF_RANGE, "is beyond 0.2 g"),
     ({"wheel_rate": np.array([1.0, 0.0, 1.0, 1.0])}, Outcome.OUT_OF_RANGE, "right: it stands"),
     ({"slip": np.array([3.5, 0.1, 0.1, 0.1])}, Outcome.OUT_OF_RANGE, "wheel front_left: slip 3.5"),
@@ -439,5 +438,3 @@ def test_what_needs_a_model_by_axle_refuses_one_by_wheel(skid: LoadedModel) -> N
             places_of(skid.rover, steered=False),
             [dataclasses.replace(LOOSE, law="scm", c2=0.0)],
         )
-    with pytest.raises(ConfigError, match="use_sinkage"):
-        Estimator(skid, CoreConfig(use_sinkage=False))
