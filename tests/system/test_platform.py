@@ -15,9 +15,10 @@ from geometry_msgs.msg import Twist
 
 from msg_defs.msg import TerrainEstimate, WheelSlip
 from terrain_estimator.bags import BagReader
-from terrain_estimator.cli import replay
+from terrain_estimator.cli import model_by_wheel, replay
 from terrain_estimator.nodes.common.message_types import make, message_class
-from terrain_estimator.topics import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES, LATERAL_IN_TWIST, YAW_IN_RATES
+from terramechanics.presets import load_soil
 from tests.launch_stand_in import Kept, started
 from tests.system.listening import Listener
 from tests.system.processes import Process, Starter
@@ -36,7 +37,7 @@ TOPICS = {
 TYPES = INPUT_TYPES | {"velocity": INPUT_TYPES["odom"]}
 STEPS, TURN = range(20, 110), 80  # samples of the drive at 10 Hz, and where it begins to turn
 PITCH = math.atan(SLOPE)
-SPEED_SD = 1e-3
+SPEED_SD, SIDE_SD, TURN_SD = 1e-3, 2e-3, 1e-3
 
 
 def start_node(start: Starter, node: Kept) -> Process:
@@ -154,6 +155,67 @@ def test_slip_and_estimates_follow_from_the_topics_and_joints_of_a_platform(
     given += ["-p", f"rover:=four_wheel_rover[{','.join(JOINTS)}]", "--out", str(tmp_path / "out")]
     assert replay.main(given) == 0
     assert "terrain_estimate is identical to live" in capsys.readouterr().out
+
+
+def turning(step: int) -> dict[str, Any]:
+    """Return what the platform publishes where it measures neither sinkage nor contact angle."""
+    found, (_, left, turn) = messages(step), driven().velocity[step].tolist()
+    del found["wheel_sinkage"]
+    odom, imu = found["odom"], found["imu"]
+    odom.twist.twist.linear.y, odom.twist.covariance[LATERAL_IN_TWIST] = left, SIDE_SD**2
+    imu.angular_velocity.z, imu.angular_velocity_covariance[YAW_IN_RATES] = turn, TURN_SD**2
+    return found
+
+
+def test_a_model_by_wheel_uses_the_turn_of_a_platform_without_sinkages(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
+    written = ["--rover", ROVER.name, "--soil", "loose_sand", "--track-width", str(TRACK)]
+    assert model_by_wheel.main([*written, "--out", str(tmp_path)]) == 0
+    nodes = {
+        node.named["executable"]: node
+        for node in started(
+            LAUNCH,
+            model=str(tmp_path / f"{ROVER.name}_by_wheel.pt"),
+            wheels=",".join(JOINTS),
+            velocity=TOPICS["velocity"],
+            contact_angle_sd="0.01",
+            track_width=str(TRACK),
+            record="false",
+        )
+    }
+    assert set(nodes) == {"slip_source", "estimator"}
+    processes = {name: start_node(start, node) for name, node in nodes.items()}
+    processes["slip_source"].wait_for_output("ready", timeout=60.0)
+    estimates = listener.collect(TerrainEstimate, "/terrain_estimate")
+    inputs = [name for name in TOPICS if name != "wheel_sinkage"]
+    publishers = {
+        name: listener.publisher(
+            message_class(TYPES[name]),
+            TOPICS[name],
+            readers=1 + (name == "joint_states"),
+            timeout=60.0,
+        )
+        for name in inputs
+    }
+    processes["estimator"].wait_for_output("matched all inputs", timeout=60.0)
+    for count, step in enumerate(STEPS, start=1):
+        found = turning(step)
+        for name in inputs:
+            publishers[name].publish(found[name])
+        listener.wait_for_messages(estimates, count - 10, timeout=60.0)
+    listener.wait_for_messages(estimates, len(STEPS) - 1, timeout=60.0)
+    last, soil = estimates[-1], load_soil("loose_sand")
+    assert last.observations_used >= 80, last.status_text
+    assert last.status != TerrainEstimate.IDENTIFIED
+    for mean, sd, true in (
+        (last.cohesion, last.cohesion_stddev, soil.cohesion),
+        (last.tan_phi, last.tan_phi_stddev, soil.tan_phi),
+    ):
+        assert abs(mean - true) < 3.0 * sd
+    assert last.tan_phi_stddev < 0.11  # half of the prior's
+    for name in ("estimator", "slip_source"):
+        assert processes[name].interrupt(60.0) == 0
 
 
 @pytest.mark.parametrize("wheels", ["a,b", "a,b,c,c"])

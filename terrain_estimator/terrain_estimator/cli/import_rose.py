@@ -233,6 +233,14 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
         help="[m] place of the pose's origin left of the body's middle (default: %(default)s)",
     )
     motion.add_argument(
+        "--pose-ahead",
+        type=real(-math.inf),
+        default=0.0,
+        metavar="M",
+        help="[m] place of the pose's origin ahead of the body's origin, by which the lateral"
+        " velocity follows in turns (default: %(default)s)",
+    )
+    motion.add_argument(
         "--window",
         type=real(0.02, 1.0),
         metavar="S",

@@ -12,10 +12,10 @@ import pytest
 import yaml
 
 from terrain_estimator.bags import BagReader
-from terrain_estimator.cli import replay
+from terrain_estimator.cli import model_by_wheel, replay
 from terrain_estimator.cli.import_rose import main
 from terrain_estimator.messaging.conversion import nose_up_pitch
-from terrain_estimator.topics import stamp_ns
+from terrain_estimator.topics import LATERAL_IN_TWIST, stamp_ns
 from terramechanics.presets import load_soil
 from tests.terrain_estimator.importing.rose_trial import (
     GAIN,
@@ -169,6 +169,36 @@ def test_torques_and_even_ground_make_an_estimate_without_sinkages(
     assert replay.main([*given, "-p", "torque_noise.relative:=0.05"]) == 0
     found = json.loads((out / "summary.json").read_text())["bags"][0]["estimate"]
     soil = load_soil("loose_sand")
+    for name, true in (("cohesion_pa", soil.cohesion), ("tan_phi", soil.tan_phi)):
+        assert abs(found[name]["mean"] - true) < 3.0 * found[name]["sd"]
+    assert found["tan_phi"]["sd"] < 0.11  # half of the prior's
+
+
+def test_the_lateral_velocity_is_that_of_the_rover_within_the_stated_noise(bag: Path) -> None:
+    found, drive = messages(bag, "/odom"), driven()
+    at = truth([stamp_ns(each) for each in found])
+    lateral = np.array([each.twist.twist.linear.y for each in found])
+    sds = np.sqrt([each.twist.covariance[LATERAL_IN_TWIST] for each in found])
+    # heading and lateral velocity change within the window of a line
+    steady = np.abs(np.gradient(drive.velocity[at, 2])) < 1e-3
+    scatter(((lateral - drive.velocity[at, 1]) / sds)[steady])
+    assert np.abs(drive.velocity[:, 1]).max() > 3.0 * np.median(sds)
+
+
+def test_a_model_by_wheel_uses_the_turn_without_sinkages(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stated = ["--torque-gain", str(GAIN), "--torque-sd", "0.05", "--contact-angle-sd", "0.2"]
+    assert convert(table(tmp_path), *stated) == 0
+    turning = ["--rover", ROVER.name, "--soil", "loose_sand", "--track-width", str(TRACK)]
+    models, out = tmp_path / "models", tmp_path / "out"
+    assert model_by_wheel.main([*turning, "--out", str(models)]) == 0
+    model = models / f"{ROVER.name}_by_wheel.pt"
+    given = [str(tmp_path / "bag"), "--model", str(model), "--out", str(out)]
+    assert replay.main([*given, "-p", "torque_noise.relative:=0.05"]) == 0
+    bag = json.loads((out / "summary.json").read_text())["bags"][0]
+    assert "NOT_PLANAR" not in capsys.readouterr().out
+    found, soil = bag["estimate"], load_soil("loose_sand")
     for name, true in (("cohesion_pa", soil.cohesion), ("tan_phi", soil.tan_phi)):
         assert abs(found[name]["mean"] - true) < 3.0 * found[name]["sd"]
     assert found["tan_phi"]["sd"] < 0.11  # half of the prior's

@@ -34,8 +34,9 @@ class Motion:
 
     velocity: tuple[float, float]  # [m/s] along body x, of the slip's and the odometry's poses
     per_metre: tuple[float, float]  # [1/s] their deviation for each metre of a position's
+    lateral: float  # [m/s] along body y
     yaw_rate: float  # [rad/s] about body z
-    per_radian: float  # [1/s] its deviation for each radian of an attitude's
+    per_radian: float  # [1/s] deviation of these two for each metre or radian of a pose's
     pitch: float  # [rad] nose up
     roll: float  # [rad] of body y above the horizon, left side up
     travel: Floats  # [3] [m/s] in the frame of the pose
@@ -107,6 +108,7 @@ def motion_at(
     return Motion(
         velocity=(float(halves[0][0] @ forward), float(halves[1][0] @ forward)),
         per_metre=(1.0 / halves[0][1], 1.0 / halves[1][1]),
+        lateral=float(travel @ left),
         yaw_rate=float(yaw_rate[0]),
         per_radian=1.0 / spread,
         pitch=math.asin(max(-1.0, min(1.0, float(forward @ axes.above)))),

@@ -52,7 +52,7 @@ def report(found: Found, options: RoseOptions) -> Iterator[str]:
             " and are left out"
         )
     turned = "left out" if options.straight_only else "kept (--straight-only leaves them out)"
-    beyond = "the estimator refuses turns beyond its turn_limit"
+    beyond = "a model by axle refuses turns beyond its turn_limit, one by wheel uses them"
     yield (
         f"the rover turns for {found.turning_s:.1f} of {STEP * len(found.motions):.1f} s (yaw rate"
         f" above {options.turn_rate:g} rad/s): {beyond}"

@@ -201,6 +201,12 @@ def _sample(
         acceleration=windows.acceleration(centre),
         bogie_angle=math.nan,
         roll=motion.roll,
+        lateral_velocity=MeasuredValue(
+            motion.lateral - motion.yaw_rate * options.pose_ahead,
+            math.hypot(
+                overlap * found.position_sd * motion.per_radian, yaw_sd * options.pose_ahead
+            ),
+        ),
         yaw_rate=MeasuredValue(motion.yaw_rate, yaw_sd),
     )
 

@@ -42,6 +42,7 @@ class RoseOptions:
     world_up: str = "z"  # in the frame that the pose is given in
     wheel_signs: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)  # of wheels 1 to 4
     pose_left: float = 0.0  # [m] place of the pose's origin, left of the body's middle
+    pose_ahead: float = 0.0  # [m] the same, ahead of the body's origin
     track_width: float | None = None  # [m] between left and right wheels' centres
     window: float | None = None  # [s] over which a line is put through poses
     position_sd: float | None = None  # [m] of one pose; None: by what the lines miss
