@@ -13,6 +13,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -60,21 +61,16 @@ Flags = NDArray[np.bool_]
 CORE = CoreConfig()
 CONSTANTS_OFF = 0.05
 """[1] Each soil constant is uniform within this share of the file's."""
-YAW_RATES = {"four_wheel_rover": (0.0, 0.2, 0.4, 0.6), "mars_rover": (0.0, 0.02, 0.05)}
+YAW_RATES = {"four_wheel_rover": (0.2, 0.4, 0.6), "mars_rover": (0.02, 0.05)}
 """[rad/s] commanded."""
 LEANS = (6.0, 10.0, 15.0)
 """[deg] of a slope across which the rover drives."""
 SHIFT = 0.01
 """[m] Error of the centre of mass ahead, and to the right."""
-WRONG_CENTRE: dict[str, tuple[tuple[str, float, float], ...]] = {
-    "four_wheel_rover": (("0.4 rad/s commanded", 0.4, 0.0), ("across 10°", 0.0, 10.0)),
-    "mars_rover": (("0.05 rad/s commanded", 0.05, 0.0), ("across 10°", 0.0, 10.0)),
-}
-"""Words, yaw rate [rad/s] and slope across [deg] of motions with such an error."""
-NO_SINKAGES = "sinkages not measured"
-"""What the name of a motion ends with where the sinkages are not measured."""
-ROLL_ACROSS, ROLL_OFF = 10.0, "roll off by 0.5° (one deviation)"
-"""[deg] Slope across which the roll has a constant error, of ROLL_BIAS_SD, in each drive."""
+TYPICAL = {"four_wheel_rover": 1, "mars_rover": 1}
+"""Number of the yaw rate with which other errors are tried."""
+GAIN_SD = 0.1
+"""[1] Deviation of an error that all torques share."""
 TURNING = (0.0, 0.3, 0.6)
 """[rad/s] Largest commanded yaw rates of the drives beside the bound."""
 SKID = Rover(
@@ -98,9 +94,11 @@ SKID = Rover(
 """The rover of lateral, whose wheels are in the order of wheel_order."""
 
 
-def model_by_wheel(rover: Rover, places: WheelPlaces, prior: Prior, path: Path) -> LoadedModel:
-    """Write the model to a file, and load it."""
-    model = build_model_by_wheel(rover, places, [SOIL], prior)
+def model_by_wheel(
+    rover: Rover, places: WheelPlaces, prior: Prior, path: Path, torque_sd: tuple[float, ...] = ()
+) -> LoadedModel:
+    """Write the model to a file, and load it; arguments as of ``build_model_by_wheel``."""
+    model = build_model_by_wheel(rover, places, [SOIL], prior, torque_sd)
     export(model, rover, [SOIL], Training(0, 0, 0.0, torch.__version__), path, places)
     return load_model(str(path))
 
@@ -236,14 +234,57 @@ HEAD = (
 )
 
 
-def _rolled(drive: list[Observation], generator: torch.Generator) -> list[Observation]:
-    """Return a drive with one draw of a constant error of the roll."""
-    bias = ROLL_BIAS_SD * float(torch.randn((), generator=generator, dtype=torch.float64))
-    return [dataclasses.replace(each, roll=each.roll + bias) for each in drive]
+@dataclasses.dataclass(frozen=True, slots=True)
+class Motion:
+    """The drives of one line."""
+
+    words: str
+    yaw_rate: float = 0.0  # [rad/s] commanded
+    lean: float = 0.0  # [deg] of the slope across
+    shift: float = 0.0  # [m] of the centre of mass ahead, and to the right
+    roll_sd: float = 0.0  # [rad] of a constant error of the roll
+    gain_sd: float = 0.0  # [1] of an error that all torques share, which the model estimates
+    sinkages: bool = True  # whether they are measured
+
+    def but(self, words: str, **changed: Any) -> "Motion":
+        """Return the motion with something else, which ``words`` say."""
+        return dataclasses.replace(self, words=f"{self.words}, {words}", **changed)
+
+    def misread(self, drive: list[Observation], generator: torch.Generator) -> list[Observation]:
+        """Return a drive with one draw of the constant errors."""
+        bias, gain = torch.randn(2, generator=generator, dtype=torch.float64).tolist()
+        return [
+            dataclasses.replace(
+                each,
+                roll=each.roll + self.roll_sd * bias,
+                torque=each.torque * (1.0 + self.gain_sd * gain),
+            )
+            for each in drive
+        ]
 
 
-def lines(kind: Kind, drives: int = DRIVES, samples: int = SAMPLES) -> Iterator[tuple[str, ...]]:
-    """Yield the lines of a rover's table, one for each motion."""
+def motions(rover: str) -> list[Motion]:
+    """Return the motions of a rover's table."""
+    straight = Motion("straight, level")
+    turns = [Motion(f"{rate:g} rad/s commanded", yaw_rate=rate) for rate in YAW_RATES[rover]]
+    across = [Motion(f"across {lean:g}°", lean=lean) for lean in LEANS]
+    turn, slope = turns[TYPICAL[rover]], across[1]
+    off = "centre of mass off by 10 mm both ways"
+    return [
+        straight,
+        *turns,
+        *across,
+        *(each.but(off, shift=SHIFT) for each in (turn, slope)),
+        slope.but("roll off by 0.5°", roll_sd=ROLL_BIAS_SD),
+        *(each.but("torques off by 10 %", gain_sd=GAIN_SD) for each in (straight, turn, slope)),
+        *(each.but("no sinkages", sinkages=False) for each in (straight, turn, slope)),
+    ]
+
+
+def lines(
+    kind: Kind, chosen: Sequence[Motion], drives: int = DRIVES, samples: int = SAMPLES
+) -> Iterator[tuple[str, ...]]:
+    """Yield the lines of a rover's table, one for each of the ``chosen`` motions."""
     rover = load_rover(kind.rover)
     steered = rover.wheel_names if kind.rover == "mars_rover" else ()
     places = WheelPlaces(kind.track, kind.yaw_inertia, steered)
@@ -251,36 +292,30 @@ def lines(kind: Kind, drives: int = DRIVES, samples: int = SAMPLES) -> Iterator[
         rover.wheels[k].axle + (0 if rover.wheels[k].side == "left" else rover.axles)
         for k in wheel_order(rover)
     ]
+    models = {}
     with tempfile.TemporaryDirectory() as folder:
-        model = model_by_wheel(rover, places, DEFAULT_PRIOR, Path(folder) / "model.pt")
-    motions = [(f"{each:g} rad/s commanded", each, 0.0, 0.0) for each in YAW_RATES[kind.rover]]
-    motions += [(f"across {lean:g}°", 0.0, lean, 0.0) for lean in LEANS]
-    off = "centre of mass off by 10 mm both ways"
-    motions += [
-        (f"{words}, {off}", yaw_rate, lean, SHIFT)
-        for words, yaw_rate, lean in WRONG_CENTRE[kind.rover]
-    ]
-    motions.append((f"across {ROLL_ACROSS:g}°, {ROLL_OFF}", 0.0, ROLL_ACROSS, 0.0))
-    blind = [("straight, level", 0.0, 0.0), *WRONG_CENTRE[kind.rover]]
-    motions += [(f"{words}, {NO_SINKAGES}", yaw_rate, lean, 0.0) for words, yaw_rate, lean in blind]
-    for words, yaw_rate, lean, shift in motions:
+        for gain_sd in {each.gain_sd for each in chosen}:
+            path = Path(folder) / "model.pt"
+            torque_sd = (gain_sd,) if gain_sd else ()
+            models[gain_sd] = model_by_wheel(rover, places, DEFAULT_PRIOR, path, torque_sd)
+    for motion in chosen:
         generator = torch.Generator().manual_seed(SEED)
         drawn = torch.rand(DRIVES, 6, generator=generator, dtype=torch.float64)
         constants = SOIL.constants() * (1.0 + CONSTANTS_OFF * (2.0 * drawn - 1.0))
+        shift = (motion.shift, -motion.shift)
         driven, strength = simulated(
-            kind, yaw_rate, lean, samples, constants, generator, (shift, -shift)
+            kind, motion.yaw_rate, motion.lean, samples, constants, generator, shift
         )
         found = observed(rover, driven, strength, order, generator)[:drives]
-        if words.endswith(ROLL_OFF):
-            found = [_rolled(drive, generator) for drive in found]
-        core = CoreConfig(use_sinkage=not words.endswith(NO_SINKAGES))
-        result = ended(model, found, strength.numpy()[:drives], core)
+        found = [motion.misread(drive, generator) for drive in found]
+        core = CoreConfig(use_sinkage=motion.sinkages)
+        result = ended(models[motion.gain_sd], found, strength.numpy()[:drives], core)
         error = np.median(np.abs(result.mean / result.truth - 1.0), 0)
         spread = np.median(result.deviation / result.truth, 0)
         held, whole = result.holds.sum(0), result.identified
         outside = (whole & ~result.holds.all(1)).sum()
         yield (
-            words.replace("0 rad/s commanded", "straight, level") if words[:2] == "0 " else words,
+            motion.words,
             f"{100.0 * result.used:.0f} %",
             f"{100.0 * error[0]:.1f} / {100.0 * error[1]:.1f} %",
             f"{100.0 * spread[0]:.1f} / {100.0 * spread[1]:.1f} %",
@@ -395,7 +430,7 @@ def main(argv: list[str] | None = None) -> int:
     study_parser("by_wheel", main.__doc__).parse_args(argv)
     torch.set_num_threads(1)
     for kind in KINDS:
-        sys.stdout.write(f"{kind.rover}:\n\n{table(HEAD, lines(kind))}\n")
+        sys.stdout.write(f"{kind.rover}:\n\n{table(HEAD, lines(kind, motions(kind.rover)))}\n")
         sys.stdout.flush()
     sys.stdout.write(f"skid-steer of 60 kg, 60 s:\n\n{table(BOUND_HEAD, bound_lines())}\n")
     return 0

@@ -7,7 +7,17 @@ import pytest
 import torch
 
 from studies import by_wheel, lateral
-from studies.by_wheel import BOUND_HEAD, HEAD, SKID, bound_lines, information, lines, observed
+from studies.by_wheel import (
+    BOUND_HEAD,
+    HEAD,
+    SKID,
+    Motion,
+    bound_lines,
+    information,
+    lines,
+    motions,
+    observed,
+)
 from studies.off_plane import KINDS
 from terramechanics.vehicle.wheel_places import wheel_order
 
@@ -19,16 +29,35 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lateral, "SAMPLES", 40)
 
 
-def test_a_line_counts_the_drives_of_its_motion(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(by_wheel, "YAW_RATES", {"four_wheel_rover": (0.4,)})
-    monkeypatch.setattr(by_wheel, "LEANS", ())
-    monkeypatch.setattr(by_wheel, "WRONG_CENTRE", {"four_wheel_rover": ()})
-    ((motion, used, *_, held, _, wrong),) = lines(KINDS[0], drives=2, samples=30)
-    assert len(HEAD) == 7
-    assert motion == "0.4 rad/s commanded"
-    assert float(used.rstrip(" %")) > 90.0
-    assert held.endswith(" of 2")
-    assert wrong == "0"
+def test_a_line_counts_the_drives_of_its_motion() -> None:
+    turn = Motion("a turn", yaw_rate=0.4, roll_sd=0.01)
+    motions = [turn, turn.but("no sinkages", sinkages=False), turn.but("torques", gain_sd=0.1)]
+    for motion, line in zip(motions, lines(KINDS[0], motions, drives=2, samples=30), strict=True):
+        words, used, *_, held, _, wrong = line
+        assert len(HEAD) == len(line)
+        assert words == motion.words
+        assert float(used.rstrip(" %")) > 90.0
+        assert held.endswith(" of 2")
+        assert wrong == "0"
+
+
+def test_the_constant_errors_of_a_drive_are_those_of_its_motion() -> None:
+    samples, strength = lateral.drive(0.6)
+    found = observed(SKID, samples, strength, range(4), torch.Generator().manual_seed(1))[0]
+    motion = Motion("", roll_sd=0.5, gain_sd=0.25)
+    changed = motion.misread(found, torch.Generator().manual_seed(2))
+    bias, gain = torch.randn(2, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    for each, other in zip(found, changed, strict=True):
+        assert other.roll - each.roll == pytest.approx(0.5 * float(bias), abs=1e-12)
+        assert other.torque == pytest.approx(each.torque * (1.0 + 0.25 * float(gain)))
+    assert Motion("").misread(found, torch.Generator())[3].roll == found[3].roll
+
+
+def test_a_table_has_each_motion_once() -> None:
+    for kind in KINDS:
+        words = [each.words for each in motions(kind.rover)]
+        assert len(set(words)) == len(words)
+        assert "straight, level, no sinkages" in words
 
 
 def test_every_wheel_is_measured_about_its_own_truth() -> None:
@@ -51,7 +80,7 @@ def test_more_that_is_unknown_widens_the_bound(monkeypatch: pytest.MonkeyPatch) 
     rows = tuple(range(10))
     known, unknown = (
         lateral.bound(matrices, rows, (*lateral.PRIOR_SD, *deviations))[:, :2]
-        for deviations in ((1e-9,) * 3, (0.01, 0.02, 0.02))
+        for deviations in ((1e-9,) * 4, (0.01, 0.02, 0.02, 0.01))
     )
     assert (unknown >= known).all()
     assert (unknown[:, 0] > 1.01 * known[:, 0]).any()

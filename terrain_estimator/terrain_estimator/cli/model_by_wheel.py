@@ -73,6 +73,22 @@ def main(argv: list[str] | None = None) -> int:
         help="relative deviation of each soil constant; 0: exact (default: %(default)s)",
     )
     parser.add_argument(
+        "--torque-gain-sd",
+        type=real(0.0, 0.5),
+        default=0.0,
+        metavar="SD",
+        help="relative deviation of a gain that all torques share, as of a motor constant, which is"
+        " then estimated; needs every sinkage (default: %(default)s, torques are calibrated)",
+    )
+    parser.add_argument(
+        "--torque-friction-sd",
+        type=real(0.0),
+        default=0.0,
+        metavar="SD",
+        help="[N m] deviation of the friction between motor and wheel that all share, beside"
+        " --torque-gain-sd (default: %(default)s)",
+    )
+    parser.add_argument(
         "--out", type=Path, default=Path("out/models"), help="folder of the model files"
     )
     args = parser.parse_args(argv)
@@ -94,6 +110,9 @@ def write(args: Namespace, rover: Rover) -> Path:
         OSError: it cannot be written.
     """
     steered = rover.wheel_names if args.steered == [EVERY] else tuple(args.steered)
+    torque_sd = (args.torque_gain_sd, args.torque_friction_sd)
+    if torque_sd[1] and not torque_sd[0]:
+        raise ConfigError("--torque-friction-sd needs --torque-gain-sd: give both")
     places = WheelPlaces.of(rover, args.track_width, steered)
     if args.yaw_inertia is not None:
         places = dataclasses.replace(places, yaw_inertia=args.yaw_inertia)
@@ -101,7 +120,7 @@ def write(args: Namespace, rover: Rover) -> Path:
     for soil in soils:
         soil.for_wheel(rover.wheel_width)
     prior = dataclasses.replace(DEFAULT_PRIOR, constants_sd=args.constants_sd)
-    model = build_model_by_wheel(rover, places, soils, prior)
+    model = build_model_by_wheel(rover, places, soils, prior, tuple(filter(None, torque_sd)))
     name = f"{rover.name}_by_wheel"
     folder = ResultFolder(args.out)
     with folder.renewing(f"{name}.pt", f"{name}.json") as new:

@@ -55,7 +55,7 @@ def export(
     by_wheel = wheel_places is not None
     weights = tuple(f"net_{index}" for index in range(model.net.columns))
     if by_wheel:
-        weights = BODY_PARAMETERS
+        weights = BODY_PARAMETERS[: model.net.columns]
     constants = UNCERTAIN[: model.layout.constants]
     metadata = Metadata(
         format=FORMAT,

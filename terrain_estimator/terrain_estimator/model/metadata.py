@@ -25,6 +25,9 @@ from terramechanics.vehicle.wheel_places import WheelPlaces, wheel_order
 
 FORMAT = 4
 """Version of the interface: the state's fields, the packed observation, the methods."""
+TORQUE_GAIN = "torque_gain"
+"""[1] Name of the parameter of a model that does not know the gain of its torques."""
+
 MODELS = Path(terrain_estimator.__file__).parent / "models"
 DEFAULT_MODEL = "mars_rover"
 _LARGEST_FILE = 64 << 20
@@ -125,7 +128,8 @@ class Metadata:
     @property
     def balances_sinkage(self) -> bool:
         """Whether the model can take sinkages that no sensor measures from the balances."""
-        return not self.effects and all(soil.law == WONG_REECE for soil in self.soils)
+        known = TORQUE_GAIN not in self.parameters
+        return known and not self.effects and all(soil.law == WONG_REECE for soil in self.soils)
 
 
 def model_names() -> tuple[str, ...]:

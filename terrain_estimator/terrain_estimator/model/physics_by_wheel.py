@@ -78,6 +78,8 @@ FEWEST = 5
 """Readings from which on a block has a slope."""
 ROUNDS = 3
 """Steps to the inputs on which the rows agree best."""
+OF_BODY = 2
+"""Number of parameters of the body before those of its torques."""
 UNSTEADY = 0.01
 """[g] Deviation of an instant's acceleration to the side from its mean over the block.
 
@@ -120,6 +122,7 @@ class PhysicsByWheel(nn.Module):
         )
         self.effect_values, self.small, self.fewest, self.little = 0, SMALL, FEWEST, LITTLE
         self.rounds, self.largest, self.widest = ROUNDS, LARGEST_ERROR, WIDEST_SLIP
+        self.of_body = OF_BODY
         self.least_slip, self.most_slip = INSIDE
         self.unsteady_share = UNSTEADY**2
         self.register_buffer("wheel_y", wheel_y)
@@ -470,6 +473,8 @@ class PhysicsByWheel(nn.Module):
             (ahead * per_shift * there).view(-1, 1, 1),
             [0, learnt.shape[2] - 1, count - 1, 0],
         )
+        if learnt.shape[2] > self.of_body:
+            columns = columns + self.of_torques(frame, learnt.shape[2], count)
         fixed = nominal.fixed_columns
         shifted = nn.functional.pad(
             (-per_shift * beside).view(1, 1), [1, fixed.shape[1] - 2, fixed.shape[0] - 1, 0]
@@ -493,6 +498,21 @@ class PhysicsByWheel(nn.Module):
             nominal.link_variance,
         )
         return SoilRows(averaged, rows.noise[0, :, 0])
+
+    def of_torques(self, frame: Frame, columns: int, rows: int) -> Tensor:
+        """Return the columns [n, R, K] of a common error of all torques.
+
+        The torque is a share of the measured one less, and friction less, which has the sign of the
+        wheel's rate.
+        """
+        measured = frame.target.narrow(1, 2, self.axles).unsqueeze(2)
+        behind = rows - 2 - self.axles
+        found = nn.functional.pad(measured, [self.of_body, columns - 1 - self.of_body, 2, behind])
+        if columns > self.of_body + 1:
+            rim = safe_motion(body_motion(frame.measured), frame.usable).rim
+            against = torch.sign(rim).unsqueeze(2)
+            found = found + nn.functional.pad(against, [columns - 1, 0, 2, behind])
+        return found
 
     def drive_row(
         self, view: PackedView, constants: Tensor, varied: Tensor, deviations: Tensor

@@ -7,8 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.cli.model_by_wheel import main
 from terrain_estimator.compiled.source import recorded_drive
+from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.packed_observation import packed_size
 from terramechanics.presets import PRESETS
@@ -40,12 +43,26 @@ def test_it_writes_a_model_with_the_given_places_and_the_same_bytes_each_time(
     assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes()
 
 
+def test_a_gain_and_friction_of_the_torques_become_parameters(tmp_path: Path) -> None:
+    options = ["--track-width", "0.57", "--torque-gain-sd", "0.1", "--out", str(tmp_path)]
+    for more, names in (((), ["torque_gain"]), (("0.2",), ["torque_gain", "torque_friction"])):
+        friction = [word for each in more for word in ("--torque-friction-sd", each)]
+        assert main([*SKID, *options, *friction]) == 0
+        model = load_model(str(tmp_path / "four_wheel_rover_by_wheel.pt"))
+        first = model.metadata.parameters.index("roll_bias") + 1
+        assert list(model.metadata.parameters[first : first + len(names)]) == names
+        assert "torque_friction" not in model.metadata.parameters[first + len(names) :]
+        with pytest.raises(ConfigError, match=r"use_sinkage.*a torque gain that is not known"):
+            Estimator(model, CoreConfig(use_sinkage=False))
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         (["--track-width", "0.57", "--steered", "middle_left"], "steered: middle_left"),
         (["--track-width", "0.1"], "track_width 0.1 m has no room"),
         (["--track-width", "0.57", "--rover", "cube"], "cube"),
+        (["--track-width", "0.57", "--torque-friction-sd", "1"], "needs --torque-gain-sd"),
         (["--track-width", "0.57", "--soil", "SCM"], "knows law wong_reece alone, not scm"),
     ],
 )
