@@ -214,7 +214,8 @@ class Consistency:
         none of them.
         """
         last = np.isfinite(self.judged[-WINDOWS[0] :, 2 : 2 + len(self.rows)])
-        if last[:, self.rows.index("load")].any() or not last.any():
+        judged = np.count_nonzero(last.any(1))
+        if np.count_nonzero(last[:, self.rows.index("load")]) >= judged / 2:
             return ""
         return "without sinkages nothing tells a drag of the drives from the ground"
 

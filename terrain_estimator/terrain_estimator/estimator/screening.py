@@ -30,7 +30,7 @@ from terrain_estimator.estimator.off_plane import (
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 from terramechanics.vehicle.rover import Rover
-from terramechanics.vehicle.wheel_places import wheel_order
+from terramechanics.vehicle.wheel_places import UNDECIDED, wheel_order
 
 NOISE_BOUND = 4.0
 """[standard deviations] Reach of noise; a value further outside its range is a sensor error."""
@@ -42,6 +42,8 @@ _PERCENTAGE = 2.0  # [1] a slip beyond it, either way, is hardly a ratio
 _OTHER_UNIT = 3.0  # [wheel radii] a sinkage beyond it is hardly in metres
 _STEEPEST_GROUND = math.pi / 2.0  # [rad]
 _STEEPEST_BOGIE = 1.2  # [rad] no bogie turns further: an encoder in degrees, or without its zero
+_SPIN_BOUND = 2.0
+"""[standard deviations] Noise allowed to a slip near 1 where a sinkage is missing."""
 _STANDSTILL_BOUND = (
     3.0  # [standard deviations] noise allowed to the velocity of a rover that stands
 )
@@ -88,6 +90,8 @@ def screen(
     missing = _without_sinkage(observation)
     if missing and sinkage_needed:
         return Screening(Outcome.NOT_FINITE, observation, _named(missing, names))
+    if missing and wheels is not None and (spinning := _spinning(observation, names)):
+        return Screening(Outcome.OUT_OF_RANGE, observation, spinning)
     screening = _mask(observation, rims, rover.wheel_radius, config, names)
     if missing and screening.outcome.used and (lacking := _lacking(screening.observation)):
         detail = f"{_named(missing, names)}; to do without it, measure {lacking}"
@@ -242,7 +246,7 @@ def _mask(
     if 0 < len(missing) < len(observation.sinkage):
         changes["sinkage"] = np.full_like(observation.sinkage, math.nan)
         where = ", ".join(names[axle] for axle in missing)
-        details.append(f"{where}: sinkage is nan: the balances tell that of each")
+        details.append(f"{where}: sinkage is nan: the balances tell that of all")
     masked = observation
     if details:
         masked = dataclasses.replace(observation, **changes)  # type: ignore[arg-type]
@@ -253,6 +257,19 @@ def _mask(
 def _without_sinkage(observation: Observation) -> list[int]:
     """Return the axles whose sinkage is missing."""
     return [axle for axle, each in enumerate(observation.sinkage.tolist()) if math.isnan(each)]
+
+
+def _spinning(observation: Observation, names: list[str]) -> str:
+    """Name a wheel that may stand still over the ground; empty where none does.
+
+    Near a slip of 1 the law of stresses goes over from one leading edge to the other. Sinkages
+    that are found there follow the noise of the slip.
+    """
+    pairs = zip(names, observation.slip.tolist(), observation.slip_sd.tolist(), strict=True)
+    for name, slip, deviation in pairs:
+        if abs(1.0 - slip) < UNDECIDED + _SPIN_BOUND * deviation:
+            return f"{name}: slip {slip:.3g} is too near to 1 without a sinkage"
+    return ""
 
 
 def _named(missing: list[int], names: list[str]) -> str:
@@ -267,7 +284,7 @@ def _lacking(observation: Observation) -> str:
     """
     needed = {
         "the bogie's angle (use_moments)": math.isnan(observation.bogie_angle),
-        "each axle's torque (use_torque)": bool(np.isnan(observation.torque).any()),
+        "the torque of every wheel (use_torque)": bool(np.isnan(observation.torque).any()),
     }
     return " and ".join(name for name, lacks in needed.items() if lacks)
 

@@ -154,7 +154,7 @@ class PhysicsByWheel(nn.Module):
     def balanced(
         self, view: PackedView, constants: Tensor, varied: Tensor, strength: Tensor
     ) -> PackedView:
-        """Return one observation with the sinkages that balances and torques make most likely.
+        """Return one observation with the sinkages that the balances make most likely.
 
         Arguments as of the nominal physics; one with all sinkages is returned as it is.
         """
@@ -459,14 +459,16 @@ class PhysicsByWheel(nn.Module):
 
         About a centre that is dx ahead and dy to the left of the rover file's the moment of the
         wheels is dx SUM Y less and dy SUM X more; these sums are m times the specific forces of the
-        body, whose slopes are read.
+        body, whose slopes are read. Then the spent rows are taken off these columns, too.
         """
         nominal, view = self.nominal, frame.measured
         slope, share = block_slopes(view.step)
         per_shift = nominal.body_scale[2] / nominal.body_scale[0]  # 1 / (g b) [s^2/m^2]
         count = rows.used.shape[1]
         used = rows.used * chosen
-        beside = rows.target.select(1, count - 2).mean()
+        motion = safe_motion(body_motion(view), frame.usable)
+        # not the row's target, of which spent rows may be taken off
+        beside = (slope * self.beside(motion) + share * self.pulled(view, motion)).mean()
         ahead = slope * view.velocity + share * self.gravity * torch.sin(view.pitch)
         there = used.select(1, count - 1)
         columns = nn.functional.pad(

@@ -67,12 +67,8 @@ from terramechanics.contact.stresses import (
     stress_ratio,
 )
 from terramechanics.numerics.batching import any_of
+from terramechanics.vehicle.wheel_places import UNDECIDED
 
-UNDECIDED = 0.04
-"""[1] Share of the other speeds below which v_x does not decide which edge leads.
-
-It is below 1 - MAX_SLIP, so that Wong and Reece's range has one leading edge.
-"""
 LOCKED = 1e-9
 """[1] Share of the fastest speed below which a rim counts as locked."""
 TINY = 1e-200

@@ -14,6 +14,11 @@ from terramechanics.vehicle.rover import Rover
 
 STEEPEST_STEERING = 1.0
 """[rad] The motion across of a wheel steered further is badly known."""
+UNDECIDED = 0.04
+"""[1] Share of the other speeds below which a hub's velocity does not decide which edge leads.
+
+It is below 1 - MAX_SLIP, so that Wong and Reece's range has one leading edge.
+"""
 WIDEST_SLIP = 3.0
 """[1] Slip, either way, up to which a single wheel is used: in a turn inner wheels turn back."""
 

@@ -22,7 +22,7 @@ RADIUS = MARS.wheel_radius
 CONFIG = CoreConfig()
 BAD = [math.nan, math.inf, -math.inf]
 NOT_MEASURED = np.full(3, np.nan)
-BOGIE, TORQUES = "the bogie's angle (use_moments)", "each axle's torque (use_torque)"
+BOGIE, TORQUES = "the bogie's angle (use_moments)", "the torque of every wheel (use_torque)"
 
 
 def observe(**changes: Any) -> Observation:

@@ -115,7 +115,13 @@ def observations(
             messages = step_messages(reading, config, stamp_ns, 0)
             one = converter.convert(stamp_ns, tuple(messages[each] for each in INPUTS)).observation
             assert one is not None
-            found.append(one)
+            # the simulator has its sensors where the rover file has the centre of mass
+            aside, along = shift[0] * one.yaw_rate, shift[1] * one.yaw_rate
+            at_origin = {
+                "lateral_velocity": one.lateral_velocity - aside,
+                "velocity": one.velocity + along,
+            }
+            found.append(dataclasses.replace(one, **at_origin))
     return found
 
 
