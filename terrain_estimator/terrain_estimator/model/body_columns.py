@@ -2,7 +2,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """Columns of parameters of a rover's body, in the place of a net's."""
 
+import torch
 from torch import Tensor, nn
+
+OF_BODY = 2
+"""Number of parameters before those of the torques: the centre of mass to the left, the roll."""
+
+
+def observed_columns(
+    turned: Tensor, torque: Tensor, rim: Tensor, columns: int, rows: int, of_body: int = OF_BODY
+) -> Tensor:
+    """Return the parts [n, R, K] of the columns that depend on the observation.
+
+    A centre of mass to the left changes the last row by ``turned`` [n]. Torques [n, W] may share
+    errors: a share of the measured ``torque``, then a friction with the sign of the ``rim``'s speed
+    [n, W].
+    """
+    found = nn.functional.pad(turned.view(-1, 1, 1), [0, columns - 1, rows - 1, 0])
+    behind = rows - 2 - torque.shape[1]
+    if columns > of_body:
+        gain = [of_body, columns - 1 - of_body, 2, behind]
+        found = found + nn.functional.pad(torque.unsqueeze(2), gain)
+    if columns > of_body + 1:
+        against = torch.sign(rim).unsqueeze(2)
+        found = found + nn.functional.pad(against, [columns - 1, 0, 2, behind])
+    return found
 
 
 class BodyColumns(nn.Module):

@@ -25,6 +25,7 @@ from torch import Tensor, nn
 
 from terrain_estimator.model.agreement import LARGEST_ERROR, Agreement
 from terrain_estimator.model.block import block_rows, row_weights, velocity_twice
+from terrain_estimator.model.body_columns import observed_columns
 from terrain_estimator.model.body_motion import (
     BodyMotion,
     block_slopes,
@@ -56,6 +57,15 @@ from terrain_estimator.model.rows import (
     values_alone,
     varied_inputs,
 )
+from terrain_estimator.model.rows_beside import (
+    BodyBeside,
+    level_share,
+    of_slopes,
+    pulled_beside,
+    slopes_beside,
+    velocity_beside,
+    with_motion,
+)
 from terrain_estimator.model.unmeasured import SMALL as LITTLE
 from terrain_estimator.model.unmeasured import lacks_sinkage, usual_sinkage
 from terrain_estimator.model.unmeasured_by_wheel import (
@@ -78,8 +88,6 @@ FEWEST = 5
 """Readings from which on a block has a slope."""
 ROUNDS = 3
 """Steps to the inputs on which the rows agree best."""
-OF_BODY = 2
-"""Number of parameters of the body before those of its torques."""
 UNSTEADY = 0.01
 """[g] Deviation of an instant's acceleration to the side from its mean over the block.
 
@@ -122,7 +130,6 @@ class PhysicsByWheel(nn.Module):
         )
         self.effect_values, self.small, self.fewest, self.little = 0, SMALL, FEWEST, LITTLE
         self.rounds, self.largest, self.widest = ROUNDS, LARGEST_ERROR, WIDEST_SLIP
-        self.of_body = OF_BODY
         self.least_slip, self.most_slip = INSIDE
         self.unsteady_share = UNSTEADY**2
         self.register_buffer("wheel_y", wheel_y)
@@ -236,8 +243,10 @@ class PhysicsByWheel(nn.Module):
         enough = 1.0 if packed.shape[0] >= self.fewest else 0.0
         there = torch.full_like(straight.used[:, :1], enough) * straight.used[:, 0].amin()
         ahead, _, others = straight.target.split_with_sizes([1, 1, levers.shape[3] - 5], 1)
-        up = self.level(view, motion).unsqueeze(1)
-        lateral = (slope * self.beside(motion)).mean() + self.pulled(view, motion)
+        body = self.body()
+        up = level_share(body, view, motion).unsqueeze(1)
+        steady = pulled_beside(body, view, motion)
+        lateral = (slope * velocity_beside(body, motion)).mean() + steady
         turning = torch.zeros_like(lateral) + (slope * motion.yaw_rate).mean() * self.yaw_inertia
         beside = torch.stack([torch.zeros_like(lateral), lateral, turning], 1)
         rolling = torch.full_like(there, contact.moment_variance)
@@ -252,19 +261,11 @@ class PhysicsByWheel(nn.Module):
             torch.cat([straight.used, straight.used[:, -1:], there, there], 1),
         )
 
-    def beside(self, motion: BodyMotion) -> Tensor:
-        """Return the lateral velocity [n] [m/s] of the centre of mass."""
-        return motion.lateral + self.nominal.centre[0] * motion.yaw_rate
-
-    def level(self, view: PackedView, motion: BodyMotion) -> Tensor:
-        """Return the share [n] of gravity across the body's plane."""
-        turned = motion.yaw_rate * self.beside(motion) / self.gravity
-        nose, side = torch.sin(view.pitch) + turned, torch.sin(motion.roll)
-        return torch.sqrt((1.0 - nose * nose - side * side).clamp(min=0.0))
-
-    def pulled(self, view: PackedView, motion: BodyMotion) -> Tensor:
-        """Return omega v_x + g sin(roll) [n] [m/s^2]."""
-        return motion.yaw_rate * view.velocity + self.gravity * torch.sin(motion.roll)
+    def body(self) -> BodyBeside:
+        """Return the numbers of the rows of how the body moves beside."""
+        return BodyBeside(
+            self.nominal.axle_x, self.nominal.centre[0], self.yaw_inertia, self.gravity
+        )
 
     def rows(
         self, frame: Frame, likely: Tensor, contact: ContactModel, doubt: Tensor | None
@@ -298,64 +299,8 @@ class PhysicsByWheel(nn.Module):
             [0, 0, 0, 0, 0, 0, 0, 0, 0, forces.values.shape[0] - 1],
         )
         rows = rows_of_forces(frame, Forces(values, forces.by_slip, forces.by_sinkage))
-        return self.with_motion(rows, frame, measured, by_across * faster[:, :, None, None])
-
-    def with_motion(self, rows: Rows, frame: Frame, motion: BodyMotion, by_left: Tensor) -> Rows:
-        """Return the rows with the errors of lateral velocity, yaw rate and roll as sources.
-
-        ``by_left`` [n, W, 4, 3] is the change of the forces by the hubs' velocity to the left.
-        """
-        acting = frame.levers[:, :, 0] @ by_left  # [n, W, R, 3]
-        of_lateral = acting.sum(1) * motion.lateral_sd[:, None, None]
-        turned = (acting * self.nominal.axle_x[:, None, None]).sum(1)
-        of_yaw = turned * motion.yaw_rate_sd[:, None, None]
-        moved = torch.stack([of_lateral, of_yaw, torch.zeros_like(of_yaw)], 2)  # [n, R, 3, 3]
-        # the change of a row is less that of its target
-        none = torch.zeros_like(motion.roll)
-        level = self.gravity * torch.cos(motion.roll) * motion.roll_sd
-        lateral = torch.stack([none, frame.measured.velocity * motion.yaw_rate_sd, level], 1)
-        moved = moved - self.in_last(lateral, torch.zeros_like(lateral), moved.shape[1])
-        sources = nn.functional.pad(
-            moved.unsqueeze(0), [0, 0, 0, 0, 0, 0, 0, 0, 0, rows.noise.shape[0] - 1]
-        )
-        noise = torch.cat([rows.noise, sources], 3)
-        return Rows(rows.features, noise, rows.target, rows.variance, rows.used, rows.taken)
-
-    def in_last(self, lateral: Tensor, turning: Tensor, rows: int) -> Tensor:
-        """Return values [n, S] of S sources in the last two of R rows, [n, R, S, 3]."""
-        both = torch.stack([lateral, turning], 1).unsqueeze(-1)
-        return nn.functional.pad(both, [2, 0, 0, 0, rows - 2, 0])
-
-    def of_slopes(self, rows: Rows, frame: Frame) -> Rows:
-        """Return the rows whose mean over the block has the slopes in the last two."""
-        view, count = frame.measured, rows.target.shape[1]
-        motion = safe_motion(body_motion(view), frame.usable)
-        slope, share = block_slopes(view.step)
-        weight = torch.cat(
-            [torch.ones_like(rows.target[:, : count - 2]), share.unsqueeze(1).expand(-1, 2)], 1
-        )
-        lateral = slope * self.beside(motion) + share * self.pulled(view, motion)
-        turning = slope * motion.yaw_rate * self.yaw_inertia
-        target = torch.cat(
-            [rows.target[:, : count - 2], lateral.unsqueeze(1), turning.unsqueeze(1)], 1
-        )
-        none = torch.zeros_like(slope)
-        by_yaw = slope * motion.yaw_rate_sd
-        read = self.in_last(
-            torch.stack([slope * motion.lateral_sd, by_yaw * self.nominal.centre[0], none], 1),
-            torch.stack([none, by_yaw * self.yaw_inertia, none], 1),
-            count,
-        )
-        noise = rows.noise * weight[:, :, None, None]
-        read = nn.functional.pad(
-            read.unsqueeze(0),
-            [0, 0, noise.shape[3] - 3, 0, 0, 0, 0, 0, 0, noise.shape[0] - 1],
-        )
-        variance = nn.functional.pad(
-            rows.variance[:, : count - 2], [0, 2], value=self.nominal.moment_variance
-        )
-        features = rows.features * weight.unsqueeze(-1)
-        return Rows(features, noise - read, target, variance, rows.used, rows.taken)
+        by_left = by_across * faster[:, :, None, None]
+        return with_motion(self.body(), rows, frame, measured, by_left)
 
     def agreed(
         self,
@@ -432,7 +377,9 @@ class PhysicsByWheel(nn.Module):
         agreed = self.agreed(frame, packed, contact, theta, chosen, missing)
         if any_of(missing):
             frame = self.frame(self.at_found(packed, agreed.inputs, missing), contact)
-        rows = self.of_slopes(self.rows(frame, agreed.inputs, contact, agreed.doubt), frame)
+        rows = self.rows(frame, agreed.inputs, contact, agreed.doubt)
+        motion = safe_motion(body_motion(frame.measured), frame.usable)
+        rows = of_slopes(self.body(), rows, frame, motion, self.nominal.moment_variance)
         rows = self.spent_where(missing, rows, theta)
         return self.averaged(rows, frame, learnt, deviations, chosen)
 
@@ -468,15 +415,11 @@ class PhysicsByWheel(nn.Module):
         used = rows.used * chosen
         motion = safe_motion(body_motion(view), frame.usable)
         # not the row's target, of which spent rows may be taken off
-        beside = (slope * self.beside(motion) + share * self.pulled(view, motion)).mean()
+        beside = slopes_beside(self.body(), view, motion).mean()
         ahead = slope * view.velocity + share * self.gravity * torch.sin(view.pitch)
-        there = used.select(1, count - 1)
-        columns = nn.functional.pad(
-            (ahead * per_shift * there).view(-1, 1, 1),
-            [0, learnt.shape[2] - 1, count - 1, 0],
-        )
-        if learnt.shape[2] > self.of_body:
-            columns = columns + self.of_torques(frame, learnt.shape[2], count)
+        turned = ahead * per_shift * used.select(1, count - 1)
+        torque = frame.target.narrow(1, 2, self.axles)
+        columns = observed_columns(turned, torque, motion.rim, learnt.shape[2], count)
         fixed = nominal.fixed_columns
         shifted = nn.functional.pad(
             (-per_shift * beside).view(1, 1), [1, fixed.shape[1] - 2, fixed.shape[0] - 1, 0]
@@ -500,21 +443,6 @@ class PhysicsByWheel(nn.Module):
             nominal.link_variance,
         )
         return SoilRows(averaged, rows.noise[0, :, 0])
-
-    def of_torques(self, frame: Frame, columns: int, rows: int) -> Tensor:
-        """Return the columns [n, R, K] of a common error of all torques.
-
-        The torque is a share of the measured one less, and friction less, which has the sign of the
-        wheel's rate.
-        """
-        measured = frame.target.narrow(1, 2, self.axles).unsqueeze(2)
-        behind = rows - 2 - self.axles
-        found = nn.functional.pad(measured, [self.of_body, columns - 1 - self.of_body, 2, behind])
-        if columns > self.of_body + 1:
-            rim = safe_motion(body_motion(frame.measured), frame.usable).rim
-            against = torch.sign(rim).unsqueeze(2)
-            found = found + nn.functional.pad(against, [columns - 1, 0, 2, behind])
-        return found
 
     def drive_row(
         self, view: PackedView, constants: Tensor, varied: Tensor, deviations: Tensor

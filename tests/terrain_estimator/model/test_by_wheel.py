@@ -117,11 +117,13 @@ def observations(
             assert one is not None
             # the simulator has its sensors where the rover file has the centre of mass
             aside, along = shift[0] * one.yaw_rate, shift[1] * one.yaw_rate
-            at_origin = {
-                "lateral_velocity": one.lateral_velocity - aside,
-                "velocity": one.velocity + along,
-            }
-            found.append(dataclasses.replace(one, **at_origin))
+            found.append(
+                dataclasses.replace(
+                    one,
+                    lateral_velocity=one.lateral_velocity - aside,
+                    velocity=one.velocity + along,
+                )
+            )
     return found
 
 

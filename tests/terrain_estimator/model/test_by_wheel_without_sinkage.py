@@ -155,9 +155,9 @@ def test_a_shifted_centre_of_mass_is_what_its_parameters_say(
     )
     told = ahead * shift[0] + aside * shift[1]
     missed = short[1] - short[0]
-    rows = row_names_by_wheel(4, 0)
+    order = row_names_by_wheel(4, 0)
     for row in ("yaw_rate", "roll_moment", "torque_1", "torque_3"):
-        at = 1 + rows.index(row)
+        at = 1 + order.index(row)
         assert abs(float(missed[at] - told[at])) < 0.15 * abs(float(missed[at])) + 3e-5, row
 
 
