@@ -187,6 +187,7 @@ def test_a_model_by_wheel_uses_the_turn_of_a_platform_without_sinkages(
     assert set(nodes) == {"slip_source", "estimator"}
     processes = {name: start_node(start, node) for name, node in nodes.items()}
     processes["slip_source"].wait_for_output("ready", timeout=60.0)
+    slips = listener.collect(WheelSlip, "/wheel_slip")
     estimates = listener.collect(TerrainEstimate, "/terrain_estimate")
     inputs = [name for name in TOPICS if name != "wheel_sinkage"]
     publishers = {
@@ -203,6 +204,7 @@ def test_a_model_by_wheel_uses_the_turn_of_a_platform_without_sinkages(
         found = turning(step)
         for name in inputs:
             publishers[name].publish(found[name])
+        listener.wait_for_messages(slips, count, timeout=60.0)
         listener.wait_for_messages(estimates, count - 10, timeout=60.0)
     listener.wait_for_messages(estimates, len(STEPS) - 1, timeout=60.0)
     last, soil = estimates[-1], load_soil("loose_sand")

@@ -44,10 +44,11 @@ def test_it_writes_a_model_with_the_given_places_and_the_same_bytes_each_time(
 
 
 def test_a_gain_and_friction_of_the_torques_become_parameters(tmp_path: Path) -> None:
-    options = ["--track-width", "0.57", "--torque-gain-sd", "0.1", "--out", str(tmp_path)]
+    rover = ["--rover", "four_wheel_rover", "--soil", "loose_sand", "--track-width", "0.57"]
+    options = [*rover, "--torque-gain-sd", "0.1", "--out", str(tmp_path)]
     for more, names in (((), ["torque_gain"]), (("0.2",), ["torque_gain", "torque_friction"])):
         friction = [word for each in more for word in ("--torque-friction-sd", each)]
-        assert main([*SKID, *options, *friction]) == 0
+        assert main([*options, *friction]) == 0
         model = load_model(str(tmp_path / "four_wheel_rover_by_wheel.pt"))
         first = model.metadata.parameters.index("roll_bias") + 1
         assert list(model.metadata.parameters[first : first + len(names)]) == names
