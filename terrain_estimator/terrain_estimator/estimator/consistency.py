@@ -210,8 +210,8 @@ class Consistency:
     def _unchecked(self) -> str:
         """Return why the last seconds, which fit, confirm nothing; empty where they do.
 
-        Without sinkages a drag of the drives looks like another ground. The load row is then in
-        none of them.
+        Without sinkages a drag of the drives looks like another ground, and no second has the load
+        row. Half of them have to have it.
         """
         last = np.isfinite(self.judged[-WINDOWS[0] :, 2 : 2 + len(self.rows)])
         judged = np.count_nonzero(last.any(1))

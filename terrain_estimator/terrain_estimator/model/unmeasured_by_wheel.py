@@ -37,7 +37,7 @@ UNKNOWN = 1.0
 EVEN = 0.3
 """[1] The same in the search for the place of expansion: sinkages are alike if nothing tells."""
 BALANCED = 1e-3
-"""[1] Smallest deviation of a row in that search, [m g] or [N m]."""
+"""[1] Smallest deviation of a row in that search, in units of m g or m g b."""
 
 
 def found_sinkage(
@@ -100,17 +100,15 @@ def spent_on_sinkage(
 ) -> Rows:
     """Return ``rows`` without the ``spent`` ones [K] and, as far as these tell them, the sinkages.
 
-    ``kept`` [R] is 0 for these and 1 for the others.
-    ``missing`` is bool [n, W]. Their sinkages stand where the rows hold at ``theta`` [3], which is
-    (c [kPa], tan phi, 1), with a deviation of the share ``1 / unknown`` of UNKNOWN. The multiples
-    that were taken off are in ``taken``. Behind the sources of noise are those of the spent rows.
+    ``kept`` [R] is 0 for the spent rows and 1 for the others. The rows are at the sinkages at which
+    the balances hold for ``theta`` [3], which is (c [kPa], tan phi, 1). Those that are ``missing``,
+    bool [n, W], have the deviation SMALL in ``rows``, of which ``unknown`` make the true one. The
+    result holds the multiples in ``taken`` [n, R, K], and K sources of noise more, of the spent
+    rows.
     """
     wheels, every = missing.shape[1], missing.any(1)
-    slips, depths, others = rows.noise.split_with_sizes(
-        [wheels, wheels, rows.noise.shape[3] - 2 * wheels], 3
-    )
-    sought = missing.to(depths.dtype).unsqueeze(1)
-    by_depth = (depths[0] @ theta) * (unknown * sought)  # [n, R, W]
+    sought = missing.to(theta.dtype).unsqueeze(1)
+    by_depth = (rows.noise[0].narrow(2, wheels, wheels) @ theta) * (unknown * sought)  # [n, R, W]
     own = by_depth.index_select(1, spent)  # [n, K, W]
     variance = rows.variance.index_select(1, spent)
     factor = cholesky(own @ own.transpose(1, 2) + torch.diag_embed(variance + 1e-12))
@@ -140,8 +138,6 @@ def spent_on_sinkage(
 
 def without_spent(columns: Tensor, taken: Tensor, spent: Tensor) -> Tensor:
     """Return ``columns`` [n, R, K] less the multiples ``taken`` [n, R, S] of ``spent`` rows [S]."""
-    if taken.shape[2] == 0:
-        return columns
     return columns - taken @ columns.index_select(1, spent)
 
 
