@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Simulate a rover that turns on a plane slope, with its measurements, step by step, without ROS.
+"""Simulate a rover that turns on a slope or over hills, with its measurements, without ROS.
 
 Every wheel has its own place, slip, sinkage and torque. The body is that of the rover file, with a
 distance between left and right.
@@ -30,7 +30,9 @@ from terramechanics.simulation.sample import SLOWEST, Measurement, Sample
 from terramechanics.simulation.sensors import Noise, acceleration_bias, measure
 from terramechanics.simulation.simulation import STUCK_TIME
 from terramechanics.simulation.spatial import BodySample, BodySimulation, Plane
+from terramechanics.terrain.profile import STEEPEST
 from terramechanics.terrain.soil import WONG_REECE
+from terramechanics.terrain.surface import Level, Surface, random_waves
 from terramechanics.vehicle.chassis import Chassis
 from terramechanics.vehicle.suspension import TerrainError
 from terramechanics.vehicle.wheel_places import box_inertia
@@ -73,6 +75,7 @@ class TurningRun:
             self._strength.unsqueeze(0),
             Plane(uphill, math.tan(config.cross_slope)),
             time_step=self._step,
+            surface=_surface(config),
         )
         # The chassis has the left wheels first, each side from front to rear.
         self._places = [
@@ -87,6 +90,7 @@ class TurningRun:
         self._velocity = torch.zeros(3, dtype=torch.float64)
         self._pose, self._height = torch.zeros(3, dtype=torch.float64), 0.0
         self._spread = torch.zeros(3, 3, dtype=torch.float64)  # covariance of x, y and yaw
+        self._bogie_angle = math.nan
         self._height_variance, self._no_progress, self._gone = 0.0, 0.0, 0.0
 
     @torch.inference_mode()
@@ -104,6 +108,9 @@ class TurningRun:
         self._wheel_angle = self._wheel_angle + self._step * measured.wheel_rate
         moved = self._integrated(measured, self._sideways(body, float(measured.pitch)))
         force = self._felt(body)
+        bogie = self._bogie(body)
+        rate = 0.0 if math.isnan(self._bogie_angle) else (bogie - self._bogie_angle) / self._step
+        self._bogie_angle = bogie
         self._gone += self._step * float(body.velocity[0, :2].norm())
         self._velocity = body.velocity[0]
         variances = (*self._spread.diagonal()[:2].tolist(), self._height_variance)
@@ -112,8 +119,8 @@ class TurningRun:
             rover=self.rover,
             measured=measured,
             wheel_angle=self._wheel_angle,
-            bogie_angle=0.0,
-            bogie_rate=0.0,
+            bogie_angle=bogie,
+            bogie_rate=rate,
             ground_force=_ground_force(sample, body.forces[:, self._places, 3]),
             odometry=(float(self._pose[0]), float(self._pose[1]), self._height),
             odometry_variance=(
@@ -141,13 +148,13 @@ class TurningRun:
             velocity=body.velocity[:, 0],
             acceleration=self._acceleration(body)[:1],
             pitch=body.pitch,
-            bogie_angle=level[:, 0],
+            bogie_angle=level[:, 0] + self._bogie(body),
             stuck=level[:, 0] > 0.0,
             standing=(rim.abs() <= SLOWEST).all(-1),
             slip=slip,
-            sinkage=body.sinkage[:, self._places],
+            sinkage=body.sinkage[:, self._places].clamp(min=0.0),
             contact=level,
-            contact_angle=level,
+            contact_angle=body.contact_angle[:, self._places],
             wheel_rate=rim / self.rover.wheel_radius,
             torque=body.torque[:, self._places],
             normal=forces[..., 0],
@@ -157,6 +164,12 @@ class TurningRun:
             constants=self._constants.expand(*slip.shape, 6),
             strength=self._strength.expand(*slip.shape, 2),
         )
+
+    def _bogie(self, body: BodySample) -> float:
+        """Return the mean angle of the bogies left and right [rad], 0 without bogies."""
+        if not self.rover.suspension:
+            return 0.0
+        return float(body.joints[0, :2].mean())
 
     def _acceleration(self, body: BodySample) -> Tensor:
         """Return the acceleration [2] [m/s^2] along the body's x and y, of the centre of mass."""
@@ -236,6 +249,13 @@ class TurningRun:
         return self._no_progress >= STUCK_TIME
 
 
+def _surface(config: SimulatorConfig) -> Surface:
+    if config.profile != "hills":
+        return Level()
+    generator = torch.Generator().manual_seed(2 * config.seed)
+    return random_waves(1, STEEPEST, generator)
+
+
 def _check(config: SimulatorConfig) -> None:
     """Refuse what is simulated for rovers that drive straight alone."""
     why = f"with steering {config.steering}"
@@ -243,9 +263,9 @@ def _check(config: SimulatorConfig) -> None:
         raise ConfigError(
             f"parameter schedule: {config.schedule} drives straight ahead; {why} give {FOLLOW}"
         )
-    if config.profile not in ("", "flat", "ramp"):
+    if config.profile not in ("", "flat", "ramp", "hills"):
         raise ConfigError(
-            f"parameter profile: {config.profile} is not simulated {why}: give flat or ramp"
+            f"parameter profile: {config.profile} is not simulated {why}: give flat, ramp or hills"
         )
     if config.effect:
         raise ConfigError(f"parameter effect: {config.effect} is not simulated {why}: leave it out")

@@ -1,11 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Dynamics of rovers with any number of wheels on a plane slope: driving, turning, crabbing.
+"""Dynamics of rovers with any number of wheels on uneven ground: driving, turning, crabbing.
 
 The planar rover of simulation.py is the special case of equal wheels left and right that drive
 straight ahead. As there, motion normal to the ground is quasi-static, steps are implicit, and each
 step first moves the rover by its velocity and then solves the contacts at its new place. Rim speeds
 and steering angles are commanded. Neither ruts nor effects act here yet.
+
+Ground is a plane slope and what rises above it. Places and headings are those along the plane; the
+body leans from the plane by as much as the ground does.
 """
 
 from dataclasses import dataclass
@@ -16,8 +19,10 @@ from torch import Tensor
 
 from terramechanics.contact.stresses import quadrature
 from terramechanics.simulation.sample import SLOWEST, TIME_STEP
+from terramechanics.terrain.surface import Level, Surface
 from terramechanics.vehicle.body_step import BodyContacts, BodyStep, solve_body
 from terramechanics.vehicle.chassis import Chassis
+from terramechanics.vehicle.stance import Attitude, solve_stance
 
 POINTS, COARSE_POINTS = 12, 3
 """Quadrature points of the forces and of the Jacobian, as in simulation.py."""
@@ -34,24 +39,16 @@ class Plane:
     slope_x: float | Tensor = 0.0
     slope_y: float | Tensor = 0.0
 
-    def gravity(self, heading: Tensor, gravity: float) -> Tensor:
-        """Return gravity [m/s^2] in the frame of a body with ``heading`` [batch] [rad], [batch, 3].
+    def gravity(self, gravity: float) -> Tensor:
+        """Return gravity [m/s^2] in the frame of the plane, [3] or [batch, 3].
 
-        Heading turns from the plane's steepest line above the world's x to the left, about the
-        plane's normal. ``gravity`` [m/s^2] is positive.
+        Its x is the plane's steepest line above the world's x, its z the normal. ``gravity``
+        [m/s^2] is positive.
         """
         x, y = (torch.as_tensor(s, dtype=torch.float64) for s in (self.slope_x, self.slope_y))
         level, whole = torch.sqrt(1.0 + x**2), torch.sqrt(1.0 + x**2 + y**2)
-        first, second = -gravity * x / level, -gravity * y / (level * whole)
-        sine, cosine = torch.sin(heading), torch.cos(heading)
-        return torch.stack(
-            [
-                cosine * first + sine * second,
-                cosine * second - sine * first,
-                (-gravity / whole).expand_as(heading),
-            ],
-            -1,
-        )
+        along = (-x / level).expand_as(whole)
+        return gravity * torch.stack([along, -y / (level * whole), -1.0 / whole], -1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +62,11 @@ class BodySample:
     gravity: Tensor  # [batch, 3] in the body's frame [m/s^2]
     rim: Tensor  # [batch, wheels] r w [m/s]
     steering: Tensor  # [batch, wheels] [rad], to the left
+    contact_angle: Tensor  # [batch, wheels] [rad] of the ground along each heading, from the body
+    joints: Tensor  # [batch, J] [rad] angles of the passive joints, nose-up
     along: Tensor  # [batch, wheels] velocity of the hub along its heading [m/s]
     across: Tensor  # [batch, wheels] and to the left of it [m/s]
-    sinkage: Tensor  # [batch, wheels] [m]
+    sinkage: Tensor  # [batch, wheels] [m], negative below a wheel that is lifted
     forces: Tensor  # [batch, wheels, 4] N, T [N], M [N m], Y [N] of each wheel
     torque: Tensor  # [batch, wheels] [N m] drive torque: M + wheel_inertia dw/dt
     solved: Tensor  # [batch] bool: the balances have been solved
@@ -100,8 +99,11 @@ class BodySimulation:
         heading: Tensor | None = None,
         time_step: float = TIME_STEP,
         slowest: float = SLOWEST,
+        surface: Surface | None = None,
     ) -> None:
         """Start at rest at the origin, with ``heading`` [batch] [rad], 0 by default.
+
+        ``surface`` is what rises above the plane, by default nothing.
 
         Soil ``constants`` [batch, 6] in the order of CONSTANTS and ``strength`` [batch, 2], c [Pa]
         and tan(phi), are the same below all wheels. A step lasts ``time_step`` [s]. ``slowest``
@@ -120,6 +122,9 @@ class BodySimulation:
         self.velocity = torch.zeros(batch, 3, dtype=torch.float64)
         self.rim = torch.zeros(wheels, dtype=torch.float64)
         self._sinkage = torch.full(wheels, 0.1 * chassis.wheel_radius, dtype=torch.float64)
+        self._surface: Surface = surface or Level()
+        self._attitude = Attitude.flat(chassis, self.position)
+        self._gravity = self.plane.gravity(chassis.gravity)
 
     def settle(self, rim: Tensor, steering: Tensor, guess: Tensor) -> BodyContacts:
         """Start in the steady state of a command, near the velocity ``guess`` [batch, 3].
@@ -147,9 +152,11 @@ class BodySimulation:
             position=self.position,
             heading=self.heading,
             velocity=self.velocity,
-            gravity=self._gravity(),
+            gravity=self._felt(),
             rim=rim,
             steering=steering,
+            contact_angle=self._stance.contact_angle(steering),
+            joints=self._attitude.joints,
             along=contacts.motion.along,
             across=contacts.motion.across,
             sinkage=contacts.sinkage,
@@ -158,18 +165,21 @@ class BodySimulation:
             solved=contacts.solved,
         )
 
-    def _gravity(self) -> Tensor:
-        return self.plane.gravity(self.heading, self.chassis.gravity)
+    def _felt(self) -> Tensor:
+        """Return gravity in the frame of the body [batch, 3] [m/s^2]."""
+        axes = self._attitude.rotation(self.heading)
+        return (axes.mT @ self._gravity.unsqueeze(-1)).squeeze(-1)
 
     def _move(self) -> None:
         """Move by the velocity of the last step, and turn it into the frame after the move."""
         along, left, turn = self.velocity.unbind(-1)
         angle = turn * self.time_step
-        middle = self.heading + 0.5 * angle
-        sine, cosine = torch.sin(middle), torch.cos(middle)
-        way = torch.stack([cosine * along - sine * left, sine * along + cosine * left], -1)
-        self.position = self.position + self.time_step * way
-        self.heading = self.heading + angle
+        lean = self._attitude
+        turned = angle * torch.cos(lean.roll) / torch.cos(lean.pitch)
+        axes = lean.rotation(self.heading + 0.5 * turned)
+        way = (axes[..., :2] @ self.velocity[:, :2].unsqueeze(-1)).squeeze(-1)
+        self.position = self.position + self.time_step * way[:, :2]
+        self.heading = self.heading + turned
         sine, cosine = torch.sin(angle), torch.cos(angle)
         self.velocity = torch.stack(
             [cosine * along + sine * left, cosine * left - sine * along, turn], -1
@@ -178,18 +188,22 @@ class BodySimulation:
     def _contacts(
         self, rim: Tensor, steering: Tensor, guess: Tensor, duration: float, *, steady: bool
     ) -> BodyContacts:
+        self._attitude, self._stance = solve_stance(
+            self.chassis, self._surface, self.position, self.heading, self._attitude
+        )
         step = BodyStep.of(
             self.chassis,
             self._constants,
             self._strength,
             _nodes(POINTS),
             _nodes(COARSE_POINTS),
-            self._gravity(),
+            self._felt(),
             rim,
             steering,
             self.velocity,
             duration,
             self._slowest,
             steady=steady,
+            stance=self._stance,
         )
         return solve_body(step, self._sinkage, guess)

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""One implicit time step of a rover with any number of wheels on a plane.
+"""One implicit time step of a rover with any number of wheels.
 
-Unknown are the sinkages of all wheels and the velocity at the end of the step: v_x, v_y of the
-centre of mass and the yaw rate. Equations are the balances and the closure of chassis.py. As in
-equilibrium.py forces hold over the step and belong to its end velocity::
+Unknown are the depths of all wheels in the ground and the velocity at the end of the step: v_x,
+v_y of the centre of mass and the yaw rate. Equations are the balances and the closure of
+chassis.py. As in equilibrium.py forces hold over the step and belong to its end velocity::
 
     m (v - v_0) / dt + m s omega x v = SUM F + m g         I (omega - omega_0) / dt = SUM M_z
 
@@ -12,7 +12,6 @@ v_0 is the velocity at the start, turned into the body's frame at the end, and s
 state s = 1 instead: the body's frame turns on and v stays.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -22,16 +21,20 @@ from torch import Tensor
 from terramechanics.contact.rolling import WheelMotion, compiled_rolling_forces
 from terramechanics.contact.sinkage import DEEPEST, SHALLOWEST
 from terramechanics.numerics.roots import Rows, damped_newton, quasi_newton
-from terramechanics.vehicle.chassis import FREE, Chassis
+from terramechanics.vehicle.chassis import FREE, Chassis, Stance
 
 SMALL = 1e-6
 """[1] Step of the differences in a Jacobian, of the logarithm of sinkage and of the speeds."""
+SHALLOW = 1e-2
+"""[1] Depth in units of the radius above which the unknown is nearly its logarithm."""
 FASTEST = 10.0
 """[1] Bound of the velocities that are looked for, in units of the fastest wheel."""
 
 
+GIVE = 0.01
+"""[1] What a support gives more per weight and step of SOFTER, in units of the radius."""
 SOFTER = (256.0, 128.0, 64.0, 32.0, 16.0, 8.0, 4.0, 2.8, 2.0, 1.4, 1.0)
-"""[1] How many times the slowest rim a search takes, one after the other, until it is there."""
+"""[1] How much softer equations a search takes, one after the other, until it is there."""
 Method = Callable[[Rows, Rows, Tensor, tuple[Tensor, Tensor]], tuple[Tensor, Tensor]]
 
 
@@ -40,7 +43,7 @@ class BodyContacts:
     """Contacts of the wheels in one step [batch, wheels], and where they are ``solved`` [batch]."""
 
     motion: WheelMotion
-    sinkage: Tensor
+    sinkage: Tensor  # [m], negative below a wheel that is lifted
     forces: Tensor  # [batch, wheels, 4] N, T [N], M [N m], Y [N] of each wheel
     velocity: Tensor  # [batch, 3] v_x, v_y [m/s] and yaw rate [rad/s] at the end of the step
     solved: Tensor
@@ -62,6 +65,7 @@ class BodyStep:
     duration: float  # [s]
     slowest: float  # [m/s] see rolling_forces
     steady: bool  # look for a steady state of the turn
+    stance: Stance
     balances: Tensor  # [batch, 6 + J, wheels, 4] balance_matrix, in units of weight and reach
     hubs: Tensor  # [batch, wheels, 2, 3] motion_matrix
     closure: Tensor  # [wheels - 3 - J, wheels] closure, in units of the radius
@@ -82,13 +86,15 @@ class BodyStep:
         slowest: float,
         *,
         steady: bool,
+        stance: Stance | None = None,
     ) -> "BodyStep":
-        """Set up the step; arguments as the fields have them."""
+        """Set up the step; arguments as the fields have them, the ``stance`` on a plane."""
+        stance = stance or chassis.level_stance()
         return cls(
             chassis, constants, strength, nodes, coarse, gravity, rim, steering, velocity,
-            duration, slowest, steady,
-            chassis.balance_matrix(steering) / _scale(chassis)[:, None, None],
-            chassis.motion_matrix(steering),
+            duration, slowest, steady, stance,
+            chassis.balance_matrix(steering, stance) / _scale(chassis)[:, None, None],
+            chassis.motion_matrix(steering, stance),
             chassis.closure() / chassis.wheel_radius,
         )  # fmt: skip
 
@@ -102,15 +108,14 @@ class BodyStep:
             rim=self.rim[index],
             steering=self.steering[index],
             velocity=self.velocity[index],
+            stance=self.stance.rows(index),
             balances=self.balances[index],
             hubs=self.hubs[index],
         )
 
     def motion(self, velocity: Tensor) -> WheelMotion:
         """Return the motion of the wheels at a ``velocity`` [batch, 3] of the body."""
-        hubs = torch.einsum(
-            "...waf,...f->...wa", self.chassis.motion_matrix(self.steering), velocity
-        )
+        hubs = torch.einsum("...waf,...f->...wa", self.hubs, velocity)
         return WheelMotion(self.rim, hubs[..., 0], hubs[..., 1])
 
     def rolling(self) -> Tensor:
@@ -128,6 +133,15 @@ class BodyStep:
         strength = self.strength.unsqueeze(-1)
         return torch.matmul(rows[..., :2], strength).squeeze(-1) + rows[..., 2]
 
+    def softer(self, factor: float) -> "BodyStep":
+        """Return equations with friction less steep at rest and supports that give more.
+
+        ``factor`` is at least 1, which gives these equations; all forces have fine quadrature.
+        """
+        give = (factor - 1.0) * GIVE * self.chassis.wheel_radius / self.chassis.weight
+        chassis = replace(self.chassis, compliance=self.chassis.compliance + give)
+        return replace(self, chassis=chassis, slowest=self.slowest * factor, coarse=self.nodes)
+
     @property
     def unit(self) -> Tensor:
         """Return the unit of speed of each episode [batch, 1]: its fastest wheel or its body."""
@@ -139,20 +153,55 @@ class BodyStep:
         """Return the units of v_x, v_y and the yaw rate [batch, 3]."""
         return self.unit * torch.tensor([1.0, 1.0, 1.0 / self.chassis.reach], dtype=torch.float64)
 
+    def depth(self, unknown: Tensor) -> Tensor:
+        """Return the depth of the wheels [batch, wheels] [m] for their unknowns.
+
+        Depth is negative below a wheel that is lifted. The unknown is nearly its logarithm.
+        """
+        return self._shallow * torch.sinh(unknown)
+
+    def unknown_of(self, depth: Tensor) -> Tensor:
+        """Return the unknowns of depths, the inverse of :meth:`depth`."""
+        return torch.asinh(depth / self._shallow)
+
+    def sinkage(self, depth: Tensor) -> Tensor:
+        """Return the sinkages of depths; a lifted wheel has the least."""
+        return depth.clamp(min=SHALLOWEST * self.chassis.wheel_radius)
+
+    @property
+    def _shallow(self) -> float:
+        return SHALLOW * self.chassis.wheel_radius
+
+    def limits(self) -> tuple[Tensor, Tensor]:
+        """Return the least and the largest unknowns [wheels + 3].
+
+        A wheel is lifted where the others bear the body.
+        """
+        radius, wheels = self.chassis.wheel_radius, self.chassis.wheels
+        least = SHALLOWEST if self.closure.shape[0] == 0 else -DEEPEST
+        ends = torch.tensor([least, DEEPEST], dtype=torch.float64) * radius
+        low, high = self.unknown_of(ends).tolist()
+        speeds = [FASTEST] * FREE
+        return (
+            torch.tensor([low] * wheels + [-each for each in speeds], dtype=torch.float64),
+            torch.tensor([high] * wheels + speeds, dtype=torch.float64),
+        )
+
     def residual(self, unknown: Tensor) -> Tensor:
-        """Return imbalances [batch, wheels + 3] for log sinkages and velocity in its units."""
+        """Return imbalances [batch, wheels + 3] for the unknowns of depths and velocity."""
         wheels = self.chassis.wheels
-        depth, velocity = unknown[:, :wheels].exp(), unknown[:, wheels:] * self.units
-        forces = self.forces(self.motion(velocity), depth, self.nodes)
+        depth, velocity = self.depth(unknown[:, :wheels]), unknown[:, wheels:] * self.units
+        forces = self.forces(self.motion(velocity), self.sinkage(depth), self.nodes)
         balance = torch.einsum("bhwf,bwf->bh", self.balances, forces) - self._target(velocity)
-        gap = depth + self.chassis.compliance * forces[..., 0]
+        gap = self.stance.gap + depth + self.chassis.compliance * forces[..., 0]
         closed = gap @ self.closure.T
         return torch.cat([balance, closed], -1)
 
     def jacobian(self, unknown: Tensor) -> Tensor:
         """Return the derivatives of :meth:`residual` [batch, wheels + 3, wheels + 3], coarsely."""
         chassis, wheels = self.chassis, self.chassis.wheels
-        depth, velocity = unknown[:, :wheels].exp(), unknown[:, wheels:] * self.units
+        signed, velocity = self.depth(unknown[:, :wheels]), unknown[:, wheels:] * self.units
+        depth = self.sinkage(signed)
         motion, step = self.motion(velocity), SMALL * self.unit
         zero = torch.zeros_like(depth)
         moved = WheelMotion(
@@ -162,7 +211,9 @@ class BodyStep:
         )
         depths = torch.stack([depth, depth * (1.0 + SMALL), depth, depth])
         forces = self.forces(moved, depths, self.coarse)
-        by_depth = (forces[1] - forces[0]) / SMALL
+        by_unknown = self._shallow * torch.cosh(unknown[:, :wheels])
+        share = torch.where(signed == depth, by_unknown / depth, 0.0).unsqueeze(-1)
+        by_depth = (forces[1] - forces[0]) / SMALL * share
         by_speed = (forces[2:] - forces[0]) / step.unsqueeze(-1)  # [2, batch, wheels, 4]
         hubs = self.hubs * self.units[:, None, None]
         by_velocity = torch.einsum("abwf,bwam->bwfm", by_speed, hubs)
@@ -175,7 +226,7 @@ class BodyStep:
             ],
             -1,
         )
-        give = depth + chassis.compliance * by_depth[..., 0]
+        give = by_unknown + chassis.compliance * by_depth[..., 0]
         bend = chassis.compliance * by_velocity[..., 0, :]
         closed = torch.cat([self.closure * give.unsqueeze(-2), self.closure @ bend], -1)
         return torch.cat([balance, closed], -2)
@@ -224,12 +275,7 @@ def solve_body(step: BodyStep, sinkage: Tensor, velocity: Tensor) -> BodyContact
 
     Where there is no solution, ``solved`` is false and the contacts are the last ones tried.
     """
-    wheels = step.chassis.wheels
-    radius = step.chassis.wheel_radius
-    low = [math.log(SHALLOWEST * radius)] * wheels + [-FASTEST] * FREE
-    high = [math.log(DEEPEST * radius)] * wheels + [FASTEST] * FREE
-    limits = torch.tensor(low, dtype=torch.float64), torch.tensor(high, dtype=torch.float64)
-
+    limits = step.limits()
     depth, end, solved = _solved(step, quasi_newton, sinkage, velocity, limits)
     left = (~solved).nonzero().squeeze(-1)
     if left.numel() > 0:
@@ -237,7 +283,8 @@ def solve_body(step: BodyStep, sinkage: Tensor, velocity: Tensor) -> BodyContact
             step.rows(left), sinkage[left], velocity[left], limits
         )
     motion = step.motion(end)
-    return BodyContacts(motion, depth, step.forces(motion, depth, step.nodes), end, solved)
+    sunk = step.sinkage(depth)
+    return BodyContacts(motion, depth, step.forces(motion, sunk, step.nodes), end, solved)
 
 
 def _solved(
@@ -248,10 +295,10 @@ def _solved(
     unknown, solved = method(
         lambda u, rows: step.rows(rows).residual(u),
         lambda u, rows: step.rows(rows).jacobian(u),
-        torch.cat([sinkage.log(), velocity / units], -1),
+        torch.cat([step.unknown_of(sinkage), velocity / units], -1),
         limits,
     )
-    return unknown[:, :wheels].exp(), unknown[:, wheels:] * units, solved
+    return step.depth(unknown[:, :wheels]), unknown[:, wheels:] * units, solved
 
 
 def _approached(
@@ -260,7 +307,8 @@ def _approached(
     """Solve step by step, as :func:`_solved`: friction goes through zero ever more steeply.
 
     Where wheels lock, traction changes by its whole range within K slowest / r, and no method finds
-    that from afar. Where it fails from the last velocity, as after a sudden command to back out, it
+    that from afar. A body that two wheels bear nearly alone rocks: supports that give find the
+    others. Where it fails from the last velocity, as after a sudden command to back out, it
     starts from wheels that roll, and from rest.
     """
     depth, end = sinkage.clone(), velocity.clone()
@@ -271,7 +319,7 @@ def _approached(
             break
         deep, fast, part = sinkage[left], guess[left], step.rows(left)
         for factor in SOFTER:
-            softer = replace(part, slowest=step.slowest * factor, coarse=step.nodes)
+            softer = part.softer(factor)
             deep, fast, found = _solved(softer, damped_newton, deep, fast, limits)
             solved[left] = found
         depth[left], end[left] = deep, fast

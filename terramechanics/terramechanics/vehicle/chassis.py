@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A rover with any number of wheels: where they stand, how they are borne, and what that balances.
 
-Frame of the body (REP-103): x forward, y left, z up, origin on the ground line. The body moves
-along a plane; what bears it follows from its passive joints. A joint that is free to turn has no
+Frame of the body (REP-103): x forward, y left, z up, origin on the ground line. On a plane the
+body moves along it; on uneven ground a :class:`Stance` says where the wheels are. What bears the
+body follows from its passive joints. A joint that is free to turn has no
 generalised force, which is one balance more (d'Alembert). Where wheels are left over, their loads
 are not determined by balances. Then the rule is the stiffness of chassis and ground together::
 
@@ -156,43 +157,105 @@ class Chassis:
         modes = self.modes()
         return torch.linalg.svd(modes).U[:, modes.shape[1] :].T
 
-    def motion_matrix(self, steering: Tensor) -> Tensor:
+    def level_stance(self) -> "Stance":
+        """Return the stance on a plane; its tensors are [wheels, ...] and [J, ...]."""
+        x, y = (
+            torch.tensor(places, dtype=torch.float64) for places in (self.wheel_x, self.wheel_y)
+        )
+        zero = torch.zeros_like(x)
+        pivots = torch.tensor(
+            [(joint.pivot_x, joint.pivot_height) for joint in self.joints], dtype=torch.float64
+        )
+        return Stance(
+            torch.stack([x, y, zero + self.wheel_radius], -1),
+            torch.stack([zero, zero, zero + 1.0], -1),
+            zero,
+            pivots.view(-1, 2),
+        )
+
+    def motion_matrix(self, steering: Tensor, stance: "Stance | None" = None) -> Tensor:
         """Return the hubs' velocities along and across their headings per v_x, v_y and yaw rate.
 
         ``steering`` [..., wheels] [rad] is positive to the left; shape [..., wheels, 2, 3]. v is
-        the velocity of the centre of mass; the steering's own rate moves no hub.
+        the velocity of the centre of mass; the steering's own rate moves no hub, nor do those of
+        pitch, roll and joints but along the ground.
         """
-        x, y = self.places().unbind(-1)
-        sine, cosine = torch.sin(steering), torch.cos(steering)
-        along = torch.stack([cosine, sine, sine * x - cosine * y], -1)
-        across = torch.stack([-sine, cosine, cosine * x + sine * y], -1)
-        return torch.stack([along, across], -2)
+        stance = stance or self.level_stance()
+        place = stance.hub[..., :2] - torch.tensor(self.centre[:2], dtype=torch.float64)
+        x, y = place.unbind(-1)
+        zero, one = torch.zeros_like(x), torch.ones_like(x)
+        moved = torch.stack(
+            [torch.stack([one, zero, -y], -1), torch.stack([zero, one, x], -1)], -2
+        )  # [..., wheels, 2, 3]: the hub's velocity along x and y
+        ahead, left, up, _ = stance.axes(steering)
+        ways = []
+        for way in (ahead, left):
+            # The hub rises with the ground below it.
+            level = way[..., :2] - way[..., 2:] * up[..., :2] / up[..., 2:]
+            ways.append((level.unsqueeze(-1) * moved).sum(-2))
+        return torch.stack(ways, -2)
 
-    def balance_matrix(self, steering: Tensor) -> Tensor:
+    def balance_matrix(self, steering: Tensor, stance: "Stance | None" = None) -> Tensor:
         """Return the balances per N, T, M, Y of a wheel [..., 6 + J, wheels, 4].
 
         Rows: force along x and y [N] and moment about z [N m], against inertia; force along z [N],
         moments nose-up and left side up [N m] about the centre of mass, and about the axis of each
-        joint. N, T and M act on the axle, Y on the ground line, below the axle.
+        joint. N, T and M act on the axle, Y on the ground below it.
         """
-        motion = self.motion_matrix(steering)
-        x, y = (part.expand_as(steering) for part in self.places().unbind(-1))
+        stance = stance or self.level_stance()
+        ahead, left, up, axle = stance.axes(steering)
+        zero = torch.zeros_like(ahead)
+        force = torch.stack([up, ahead, zero, left], -1)  # [..., wheels, 3, 4] per N, T, M, Y
+        below = self.wheel_radius * ahead  # of Y about the axle: -r up x left
+        turn = torch.stack([zero, zero, -axle, below], -1)
+        hub = stance.hub.unsqueeze(-1)
+        x, y, z = (hub - torch.tensor(self.centre, dtype=torch.float64).unsqueeze(-1)).unbind(-2)
+        along, beside, above = force.unbind(-2)
+        about_x, about_y, about_z = turn.unbind(-2)
+        rows = [
+            along,
+            beside,
+            x * beside - y * along + about_z,
+            above,
+            x * above - z * along - about_y,
+            y * above - z * beside + about_x,
+        ]
+        for index, joint in enumerate(self.joints):
+            pivot_x, pivot_z = stance.pivots[..., index, :, None, None].unbind(-3)
+            arm, drop = hub[..., 0, :] - pivot_x, hub[..., 2, :] - pivot_z
+            turning = arm * above - drop * along - about_y
+            rows.append(torch.tensor(joint.turns, dtype=torch.float64).unsqueeze(-1) * turning)
+        return torch.stack(rows, -3)
+
+
+@dataclass(frozen=True, slots=True)
+class Stance:
+    """How the wheels of a body stand on the ground, in the frame of the body."""
+
+    hub: Tensor  # [..., wheels, 3] [m] of the axles
+    normal: Tensor  # [..., wheels, 3] of the ground below each
+    gap: Tensor  # [..., wheels] [m] between wheel and undisturbed ground
+    pivots: Tensor  # [..., J, 2] [m] x and z of the joints
+
+    def axes(self, steering: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return the axes of the wheels [..., wheels, 3]; ``steering`` [..., wheels] [rad].
+
+        Along the heading and along the ground, to the left of that along the ground, the normal,
+        and the axle, which is level in the body.
+        """
         sine, cosine = torch.sin(steering), torch.cos(steering)
-        zero, one = torch.zeros_like(sine), torch.ones_like(sine)
-        axle = self.wheel_radius - self.centre[2]
+        axle = torch.stack([-sine, cosine, torch.zeros_like(sine)], -1)
+        up = self.normal.expand_as(axle)
+        ahead = torch.linalg.cross(axle, up)
+        ahead = ahead / ahead.norm(dim=-1, keepdim=True)
+        return ahead, torch.linalg.cross(up, ahead), up, axle
 
-        def rows(*parts: Tensor) -> Tensor:
-            return torch.stack(parts, -1)
+    def contact_angle(self, steering: Tensor) -> Tensor:
+        """Return the slope of the ground along each heading from the body's plane [rad]."""
+        return torch.asin(self.axes(steering)[0][..., 2])
 
-        planar = [
-            rows(zero, motion[..., 0, row], zero, motion[..., 1, row]) for row in range(3)
-        ]  # power is force times velocity, whichever way it is summed
-        pitch = rows(x, -axle * cosine, cosine, -self.centre[2] * sine)
-        roll = rows(y, -axle * sine, sine, self.centre[2] * cosine)
-        joints = []
-        for joint in self.joints:
-            arm = x + self.centre[0] - joint.pivot_x
-            drop = self.wheel_radius - joint.pivot_height
-            turning = rows(arm, -drop * cosine, cosine, -joint.pivot_height * sine)
-            joints.append(torch.tensor(joint.turns, dtype=torch.float64).unsqueeze(-1) * turning)
-        return torch.stack([*planar, rows(one, zero, zero, zero), pitch, roll, *joints], -3)
+    def rows(self, index: Tensor) -> "Stance":
+        """Return the stance of some of the episodes; one of all alike is returned as it is."""
+        if self.hub.dim() == 2:
+            return self
+        return Stance(self.hub[index], self.normal[index], self.gap[index], self.pivots[index])

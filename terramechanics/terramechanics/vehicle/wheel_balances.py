@@ -62,19 +62,50 @@ def wheel_balances(
     force_y = both_along * left + kept * (across * ahead)
     nose_up, side_up = kept * (turn * ahead), kept * (turn * left)
 
+    body = _balances(geometry, side, joints, force_x, force_y, both_up, nose_up, side_up)
+    return body.movedim(0, -4)
+
+
+def bank_balances(geometry: Geometry, side: Tensor, steering: Tensor, joints: Tensor) -> Tensor:
+    """Return the change of the balances per rad of bank [..., 6 + J, wheels, 4].
+
+    The bank of the ground below a wheel is its slope to the left of the heading, from the body's
+    plane. It turns N to the right and lifts Y; here it and the contact angle are near zero.
+    Arguments and rows as of :func:`wheel_balances`.
+    """
+    zero, one = torch.zeros_like(steering), torch.ones_like(steering)
+    normal = torch.stack([one, zero, zero, zero], -1)
+    up = torch.stack([zero, zero, zero, one], -1)
+    right = torch.sin(steering).unsqueeze(-1), -torch.cos(steering).unsqueeze(-1)
+    none = torch.zeros_like(normal)
+    return _balances(geometry, side, joints, normal * right[0], normal * right[1], up, none, none)
+
+
+def _balances(
+    geometry: Geometry,
+    side: Tensor,
+    joints: Tensor,
+    force_x: Tensor,
+    force_y: Tensor,
+    up: Tensor,
+    nose_up: Tensor,
+    side_up: Tensor,
+) -> Tensor:
+    """Return the balances of forces and moments per N, T, M, Y, each [..., wheels, 4]."""
     place_x, place_z = axle_places(geometry, joints).unsqueeze(-1).unbind(-2)
-    height = place_z * (one.unsqueeze(-1) - across)  # Y acts on the ground line
+    on_axle = torch.tensor([1.0, 1.0, 1.0, 0.0], dtype=force_x.dtype)
+    height = place_z * on_axle  # Y acts on the ground line
     centre_x, centre_z = geometry.centre.unbind(-1)
     arm, y = place_x - centre_x, side.unsqueeze(-1)
     yaw = arm * force_y - y * force_x
-    pitch = arm * both_up - (height - centre_z) * force_x + nose_up
-    roll = y * both_up - (height - centre_z) * force_y + side_up
+    pitch = arm * up - (height - centre_z) * force_x + nose_up
+    roll = y * up - (height - centre_z) * force_y + side_up
     pivot_x, pivot_z = geometry.pivot.unsqueeze(-1).unbind(-2)
-    about = (place_x - pivot_x) * both_up - (height - pivot_z) * force_x + nose_up
+    about = (place_x - pivot_x) * up - (height - pivot_z) * force_x + nose_up
     carried = geometry.carried.unsqueeze(-1)
     of_joints = torch.where(carried > 0.0, about.unsqueeze(-3), 0.0)
-    body = torch.stack([force_x, force_y, yaw, both_up, pitch, roll], -3)
-    return torch.cat([body, of_joints], -3).movedim(0, -4)
+    body = torch.stack([force_x, force_y, yaw, up, pitch, roll], -3)
+    return torch.cat([body, of_joints], -3)
 
 
 def motion_across(

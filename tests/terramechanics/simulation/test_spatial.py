@@ -17,6 +17,7 @@ from terramechanics.simulation.simulation import Simulation
 from terramechanics.simulation.spatial import BodySample, BodySimulation, Plane
 from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.profile import Hills
+from terramechanics.terrain.surface import Waves, random_waves
 from terramechanics.vehicle.chassis import Chassis
 from terramechanics.vehicle.steering import ackermann_twist, skid_command, steered_command
 
@@ -97,6 +98,60 @@ def test_straight_ahead_it_is_the_planar_simulator(slope: float) -> None:
             assert (one - other).abs().max() < 1e-9 * unit
         assert lateral.abs().max() < 1e-12 * weight
         assert found.velocity[:, 1:].abs().max() < 1e-12
+
+
+def test_over_waves_along_the_way_it_is_the_planar_simulator() -> None:
+    """To half a percent: here hubs move along the ground, in the planar one along the body."""
+    slope, number, phase = (
+        numbers(0.05, 0.035)[None],
+        numbers(2.5, 1.0)[None],
+        numbers(0.3, 1.2)[None],
+    )
+    planar = Simulation(
+        ROVER, Ground.constant(SOIL), Hills(numbers(0.0)[None], slope, number, phase), numbers(0.1)
+    )
+    # the place of the planar one is that of its origin
+    shifted = phase + number * ROVER.centre_of_mass_x
+    waves = Waves(slope, torch.stack([number, 0.0 * number], -1), shifted)
+    body = BodySimulation(SIX, SOIL.constants()[None], SOIL.strength()[None], surface=waves)
+    rates, straight = torch.full((1, 3), 1.0, dtype=torch.float64), torch.zeros(1, 6)
+    rim = rates.repeat(1, 2) * ROVER.wheel_radius
+    planar.settle(rates)
+    body.settle(rim, straight.double(), numbers(0.1, 0.0, 0.0)[None])
+    leaned = []
+    for _ in range(60):
+        expected, found = planar.step(Command.RATE, rates), body.step(rim, straight.double())
+        assert bool(found.solved.all())
+        assert (found.velocity[:, 0] / expected.velocity - 1.0).abs().max() < 5e-3
+        assert (found.pitch - expected.pitch).abs().max() < 2e-4
+        assert (found.joints[:, 0] - expected.bogie_angle).abs().max() < 2e-4
+        normal = found.forces[:, :3, 0]
+        assert (normal - expected.normal).abs().max() < 2e-4 * ROVER.weight
+        leaned.append(float(found.pitch))
+    assert max(leaned) - min(leaned) > 0.05
+
+
+def test_a_rigid_body_on_bumps_lifts_wheels_and_rests_on_the_others() -> None:
+    """12 drives, turns and straight ones, on hard ground with bumps of 5 deg."""
+    bumps = random_waves(12, math.radians(5.0), torch.Generator().manual_seed(1), (0.8, 3.0))
+    soil = load_soil("compact_sand")
+    body = BodySimulation(
+        FOUR, soil.constants().expand(12, 6), soil.strength().expand(12, 2), surface=bumps
+    )
+    turns = 0.4 * (torch.arange(12) % 2).double()
+    twist = torch.stack([torch.full_like(turns, 0.25), torch.zeros_like(turns), turns], -1)
+    lifted = []
+    for _ in range(40):
+        sample = body.step(*skid_command(FOUR, twist))
+        assert bool(sample.solved.all())
+        normal, up = sample.forces[..., 0], sample.sinkage < 0.0
+        lifted.append(up)
+        assert bool((normal > -1e-12 * FOUR.weight).all())
+        assert bool((normal[up] < 1e-5 * FOUR.weight).all())
+        assert int((~up).sum(-1).min()) >= 3
+        heavy = (normal.sum(-1) / FOUR.weight - 1.0).abs().max()
+        assert float(heavy) < 0.02  # all of the weight, to the leaning of the ground
+    assert bool(torch.stack(lifted).any())
 
 
 def test_a_left_turn_is_the_mirror_image_of_a_right_one() -> None:
