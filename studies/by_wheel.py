@@ -9,6 +9,7 @@ node's.
 """
 
 import dataclasses
+import math
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -52,6 +53,7 @@ from terramechanics.presets import load_rover
 from terramechanics.simulation.sample import TIME_STEP, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.spatial import BodySample
+from terramechanics.terrain.surface import WAVELENGTHS, Surface, random_waves
 from terramechanics.vehicle.body_rows import body_rows
 from terramechanics.vehicle.rover import Rover, Wheel
 from terramechanics.vehicle.wheel_places import WheelPlaces, wheel_order
@@ -71,6 +73,12 @@ TYPICAL = {"four_wheel_rover": 1, "mars_rover": 1}
 """Number of the yaw rate with which other errors are tried."""
 GAIN_SD = 0.1
 """[1] Deviation of an error that all torques share."""
+STEEP = 5.0
+"""[deg] Steepest slope of hills and bumps."""
+BUMPS = (0.8, 3.0)
+"""[m] Shortest and longest waves of bumps: as long as the rovers."""
+ANGLE_SD = 0.03
+"""[rad] Deviation of the ground from the body, where no contact angle is measured."""
 TURNING = (0.0, 0.3, 0.6)
 """[rad/s] Largest commanded yaw rates of the drives beside the bound."""
 SKID = Rover(
@@ -123,6 +131,8 @@ def observed(
     turned = velocity[..., 2] * TIME_STEP
     ahead = torch.cos(turned) * before[..., 0] + torch.sin(turned) * before[..., 1]
     level, never = torch.zeros_like(turned), torch.zeros_like(turned, dtype=torch.bool)
+    bogies = 2 * len(rover.suspension)  # left and right, before the differential
+    bogie = stacked("joints")[..., :bogies].mean(-1) if bogies else level
     sample = Sample(
         time=stacked("time"),
         position=stacked("position")[..., 0],
@@ -130,13 +140,13 @@ def observed(
         velocity=velocity[..., 0],
         acceleration=(velocity[..., 0] - ahead) / TIME_STEP,
         pitch=stacked("pitch"),
-        bogie_angle=level,
+        bogie_angle=bogie,
         stuck=never,
         standing=never,
         slip=slip,
         sinkage=wheels("sinkage"),
         contact=torch.zeros_like(slip),
-        contact_angle=torch.zeros_like(slip),
+        contact_angle=wheels("contact_angle"),
         wheel_rate=wheels("rim") / rover.wheel_radius,
         torque=wheels("torque"),
         normal=forces[..., 0],
@@ -245,10 +255,20 @@ class Motion:
     roll_sd: float = 0.0  # [rad] of a constant error of the roll
     gain_sd: float = 0.0  # [1] of an error that all torques share, which the model estimates
     sinkages: bool = True  # whether they are measured
+    uneven: float = 0.0  # [deg] steepest slope of what rises above the plane
+    lengths: tuple[float, float] = WAVELENGTHS  # [m] of its shortest and longest wave
+    angles: bool = True  # whether contact angles are measured, or ANGLE_SD is stated instead
 
     def but(self, words: str, **changed: Any) -> "Motion":
         """Return the motion with something else, which ``words`` say."""
         return dataclasses.replace(self, words=f"{self.words}, {words}", **changed)
+
+    def surface(self) -> Surface | None:
+        """Return what rises above the plane of each drive."""
+        if not self.uneven:
+            return None
+        generator = torch.Generator().manual_seed(SEED + 1)
+        return random_waves(DRIVES, math.radians(self.uneven), generator, self.lengths)
 
     def misread(self, drive: list[Observation], generator: torch.Generator) -> list[Observation]:
         """Return a drive with one draw of the constant errors."""
@@ -263,6 +283,12 @@ class Motion:
         ]
 
 
+def without_angles(observation: Observation) -> Observation:
+    """Return an observation of a rover that does not measure contact angles."""
+    none = np.full_like(observation.contact_angle, np.nan)
+    return dataclasses.replace(observation, contact_angle=none, contact_angle_sd=none)
+
+
 def motions(rover: str) -> list[Motion]:
     """Return the motions of a rover's table."""
     straight = Motion("straight, level")
@@ -270,6 +296,8 @@ def motions(rover: str) -> list[Motion]:
     across = [Motion(f"across {lean:g}°", lean=lean) for lean in LEANS]
     turn, slope = turns[TYPICAL[rover]], across[1]
     off = "centre of mass off by 10 mm both ways"
+    bumps = {"uneven": STEEP, "lengths": BUMPS}
+    bumpy = [each.but("bumps of 5°", **bumps) for each in (straight, turn)]
     return [
         straight,
         *turns,
@@ -278,6 +306,11 @@ def motions(rover: str) -> list[Motion]:
         slope.but("roll off by 0.5°", roll_sd=ROLL_BIAS_SD),
         *(each.but("torques off by 10 %", gain_sd=GAIN_SD) for each in (straight, turn, slope)),
         *(each.but("no sinkages", sinkages=False) for each in (straight, turn, slope)),
+        *(each.but("hills of 5°", uneven=STEEP) for each in (straight, turn)),
+        *bumpy,
+        bumpy[1].but("no contact angles", angles=False),
+        bumpy[1].but("no sinkages", sinkages=False),
+        bumpy[1].but("neither", angles=False, sinkages=False),
     ]
 
 
@@ -304,11 +337,16 @@ def lines(
         constants = SOIL.constants() * (1.0 + CONSTANTS_OFF * (2.0 * drawn - 1.0))
         shift = (motion.shift, -motion.shift)
         driven, strength = simulated(
-            kind, motion.yaw_rate, motion.lean, samples, constants, generator, shift
-        )
+            kind, motion.yaw_rate, motion.lean, samples, constants, generator, shift,
+            motion.surface(),
+        )  # fmt: skip
         found = observed(rover, driven, strength, order, generator)[:drives]
         found = [motion.misread(drive, generator) for drive in found]
-        core = CoreConfig(use_sinkage=motion.sinkages)
+        if not motion.angles:
+            found = [[without_angles(each) for each in drive] for drive in found]
+        core = CoreConfig(
+            use_sinkage=motion.sinkages, contact_angle_sd=0.0 if motion.angles else ANGLE_SD
+        )
         result = ended(models[motion.gain_sd], found, strength.numpy()[:drives], core)
         error = np.median(np.abs(result.mean / result.truth - 1.0), 0)
         spread = np.median(result.deviation / result.truth, 0)

@@ -42,6 +42,7 @@ from terramechanics.simulation.sample import TIME_STEP, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.spatial import BodySample, BodySimulation, Plane
 from terramechanics.terrain.ground import Ground
+from terramechanics.terrain.surface import Surface
 from terramechanics.vehicle.chassis import Chassis
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.steering import skid_command, steered_command
@@ -102,12 +103,13 @@ def simulated(
     constants: Tensor,
     generator: torch.Generator,
     shift: tuple[float, float] = (0.0, 0.0),
+    surface: Surface | None = None,
 ) -> tuple[list[BodySample], Tensor]:
     """Return the samples of all drives on ground of these ``constants`` [drives, 6].
 
     Also the true strength [drives, 2]. ``lean`` [deg] is the slope across which the rovers drive,
     with their heading kept. Their speed varies by a third. ``shift`` [m] moves the centre of mass
-    ahead and to the left.
+    ahead and to the left. ``surface`` is what rises above the plane.
     """
     rover = load_rover(kind.rover)
     chassis = Chassis.of(rover, kind.track, kind.yaw_inertia)
@@ -119,6 +121,7 @@ def simulated(
         constants,
         strength,
         Plane(0.0, math.tan(math.radians(lean))),
+        surface=surface,
     )
     drawn = torch.rand(2, DRIVES, generator=generator, dtype=torch.float64)
     frequency, phase = 0.05 + 0.1 * drawn[0], 2.0 * math.pi * drawn[1]

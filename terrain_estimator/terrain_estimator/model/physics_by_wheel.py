@@ -34,6 +34,7 @@ from terrain_estimator.model.body_motion import (
     safe_motion,
 )
 from terrain_estimator.model.gaussian import cholesky
+from terrain_estimator.model.levers_by_wheel import levers_by_wheel, levers_of_banks
 from terrain_estimator.model.packing import (
     PackedView,
     view_of,
@@ -76,8 +77,7 @@ from terrain_estimator.model.unmeasured_by_wheel import (
 )
 from terramechanics.contact.rolling import WheelMotion, rolling_forces
 from terramechanics.numerics.batching import any_of
-from terramechanics.vehicle.suspension import Geometry
-from terramechanics.vehicle.wheel_balances import motion_across, wheel_balances
+from terramechanics.vehicle.wheel_balances import motion_across
 from terramechanics.vehicle.wheel_places import WIDEST_SLIP
 
 INSIDE = (-0.59, 0.94)
@@ -196,37 +196,6 @@ class PhysicsByWheel(nn.Module):
         turning = motion.yaw_rate.unsqueeze(-1) * self.nominal.axle_x
         return motion.lateral.unsqueeze(-1) + turning
 
-    def levers(self, view: PackedView, motion: BodyMotion, geometry: Geometry) -> Tensor:
-        """Return the effect of N, T, M, Y of each wheel in each row [n, W, 2, R, 4].
-
-        Then follows its change for one deviation of the contact angles.
-        """
-        nominal = self.nominal
-        joints = nominal.carried.shape[0]
-        known = torch.isfinite(view.bogie_angle)
-        angle = torch.where(known, view.bogie_angle, 0.0).unsqueeze(1).narrow(1, 0, joints)
-        body = wheel_balances(
-            geometry, self.wheel_y, motion.steering, view.contact_angle, angle
-        )  # [n, 2, 6 + J, W, 4]
-        deviation = torch.stack(
-            [torch.ones_like(view.contact_angle_sd), view.contact_angle_sd], 1
-        ).unsqueeze(2)
-        body = body * deviation.unsqueeze(-1)
-        along, across, yaw, up, pitch, roll, of_joints = body.split_with_sizes(
-            [1, 1, 1, 1, 1, 1, joints], 2
-        )
-        scale = nominal.body_scale
-        along = along * scale[0]
-        moments = torch.cat([pitch, of_joints], 2) * scale[2:].unsqueeze(-1).unsqueeze(-1)
-        wheels = view.slip.shape[1]
-        torque = nn.functional.pad(torch.eye(wheels, dtype=body.dtype).unsqueeze(-1), [2, 1])
-        torques = torch.stack([torque, torch.zeros_like(torque)]).expand(
-            body.shape[0], -1, -1, -1, -1
-        )
-        across, yaw, roll = across * scale[0], yaw * scale[2], roll * scale[2]
-        rows = torch.cat([along, up * scale[1], torques, along, moments, roll, across, yaw], 2)
-        return rows.permute(0, 3, 1, 2, 4)
-
     def frame(self, packed: Tensor, contact: ContactModel) -> Frame:
         """Return the frame of observations [n, P], with all rows as an instant has them.
 
@@ -239,7 +208,9 @@ class PhysicsByWheel(nn.Module):
         view = view_of(own, self.axles)
         motion = safe_motion(body_motion(view), usable)
         slope, _ = block_slopes(view.step)
-        levers = self.levers(view, motion, contact.geometry)
+        levers = levers_by_wheel(
+            view, motion.steering, contact.geometry, self.wheel_y, self.nominal.body_scale
+        )
         enough = 1.0 if packed.shape[0] >= self.fewest else 0.0
         there = torch.full_like(straight.used[:, :1], enough) * straight.used[:, 0].amin()
         ahead, _, others = straight.target.split_with_sizes([1, 1, levers.shape[3] - 5], 1)
@@ -272,7 +243,8 @@ class PhysicsByWheel(nn.Module):
     ) -> Rows:
         """Return the rows in a frame, expanded at ``likely`` [n, P], less the excess of doubt.
 
-        Behind the sources of a planar rover stand the lateral velocity, the yaw rate, the roll.
+        Behind the sources of a planar rover stand the lateral velocity, the yaw rate, the roll, and
+        the banks of the ground below the wheels.
         """
         place = places(likely, frame, contact)
         where = varied_inputs(place, contact)
@@ -300,7 +272,15 @@ class PhysicsByWheel(nn.Module):
         )
         rows = rows_of_forces(frame, Forces(values, forces.by_slip, forces.by_sinkage))
         by_left = by_across * faster[:, :, None, None]
-        return with_motion(self.body(), rows, frame, measured, by_left)
+        banks = levers_of_banks(
+            frame.measured,
+            measured.steering,
+            contact.geometry,
+            self.wheel_y,
+            self.nominal.body_scale,
+        )
+        by_bank = banks @ forces.values[0]
+        return with_motion(self.body(), rows, frame, measured, by_left, by_bank)
 
     def agreed(
         self,

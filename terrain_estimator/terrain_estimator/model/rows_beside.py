@@ -55,11 +55,17 @@ def in_last(lateral: Tensor, turning: Tensor, rows: int) -> Tensor:
 
 
 def with_motion(
-    body: BodyBeside, rows: Rows, frame: Frame, motion: BodyMotion, by_left: Tensor
+    body: BodyBeside,
+    rows: Rows,
+    frame: Frame,
+    motion: BodyMotion,
+    by_left: Tensor,
+    by_bank: Tensor,
 ) -> Rows:
     """Return the rows with the errors of lateral velocity, yaw rate and roll as sources.
 
-    ``by_left`` [n, W, 4, 3] is the change of the forces by the hubs' velocity to the left.
+    ``by_left`` [n, W, 4, 3] is the change of the forces by the hubs' velocity to the left,
+    ``by_bank`` [n, W, R, 3] that of the rows by the bank below each wheel, W sources more.
     """
     acting = frame.levers[:, :, 0] @ by_left  # [n, W, R, 3]
     of_lateral = acting.sum(1) * motion.lateral_sd[:, None, None]
@@ -71,6 +77,7 @@ def with_motion(
     level = body.gravity * torch.cos(motion.roll) * motion.roll_sd
     lateral = torch.stack([none, frame.measured.velocity * motion.yaw_rate_sd, level], 1)
     moved = moved - in_last(lateral, torch.zeros_like(lateral), moved.shape[1])
+    moved = torch.cat([moved, by_bank.transpose(1, 2)], 2)
     sources = nn.functional.pad(
         moved.unsqueeze(0), [0, 0, 0, 0, 0, 0, 0, 0, 0, rows.noise.shape[0] - 1]
     )
@@ -101,8 +108,10 @@ def of_slopes(
         count,
     )
     noise = rows.noise * weight[:, :, None, None]
+    banks = frame.measured.slip.shape[1]  # the last sources, of which nothing is read
     read = nn.functional.pad(
-        read.unsqueeze(0), [0, 0, noise.shape[3] - 3, 0, 0, 0, 0, 0, 0, noise.shape[0] - 1]
+        read.unsqueeze(0),
+        [0, 0, noise.shape[3] - 3 - banks, banks, 0, 0, 0, 0, 0, noise.shape[0] - 1],
     )
     own = nn.functional.pad(rows.variance[:, : count - 2], [0, 2], value=variance)
     features = rows.features * weight.unsqueeze(-1)
