@@ -16,3 +16,5 @@ hypothesis.settings.load_profile("ci")
 torch.set_num_threads(
     1
 )  # as the nodes do: the tensors are small, and threads that wait for each other are slower
+torch.jit.optimized_execution(should_optimize=False).__enter__()  # type: ignore[attr-defined]
+# As terrain_estimator.model.torchscript.running does: torch's optimiser takes 13 s a model.

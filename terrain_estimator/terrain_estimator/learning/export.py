@@ -31,6 +31,7 @@ from terrain_estimator.model.packed_observation import (
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics import UNCERTAIN
 from terrain_estimator.model.row_names import row_names, row_names_by_wheel
+from terrain_estimator.model.torchscript import running
 from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
@@ -124,7 +125,7 @@ def check_export(model: PAlpaca, path: Path, observations: Tensor) -> None:
     Raises ModelFileError with the largest difference where it does not.
     """
     loaded = load_model(str(path))
-    with torch.no_grad():
+    with running():
         here, there = model.initial(), loaded.module.initial()
         for observation in observations:
             here, there = model.update(here, observation), loaded.module.update(there, observation)

@@ -89,13 +89,20 @@ def holds(found: dict[str, Any]) -> bool:
     )
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The finding about the table as it is, without more options."""
+    return found(table(tmp_path_factory.mktemp("plain") / "table.csv"))
+
+
 def test_with_a_torque_both_fits_say_how_the_law_fits_and_what_c_and_tan_phi_are(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    plain: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     finding = found(table(tmp_path / "table.csv"), "--shear-box", "c=1.4+-0.2,tan_phi=0.52+-0.03")
     assert finding["verdict"] == "none"
     assert finding["rows"] == ["sinkage", "drawbar_pull", "torque"]
     soil = strength(finding)
+    assert soil == strength(plain)  # the shear box does not change it
     assert holds(soil)
     assert soil["tan_phi"]["high"] - soil["tan_phi"]["low"] < 0.3
     assert soil["rejected"] == []
@@ -155,12 +162,6 @@ def test_a_current_that_cannot_be_a_torque_is_refused(
     files = ["--wheel-table", str(path), "--wheel", str(wheel), "--out", str(tmp_path / "out")]
     assert main([*files, *option]) == 2
     assert words in capsys.readouterr().err
-
-
-def test_the_shear_box_does_not_change_the_estimate(tmp_path: Path) -> None:
-    path = table(tmp_path / "table.csv")
-    alone = strength(found(path))
-    assert alone == strength(found(path, "--shear-box", "c=9+-0.1,tan_phi=1.2+-0.01"))
 
 
 def test_a_measured_constant_that_is_wrong_is_named_with_both_values(

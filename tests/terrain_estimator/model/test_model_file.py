@@ -30,6 +30,7 @@ from terramechanics.presets import load_rover, load_soil
 # NumPy of ours.
 BARE = """
 import sys, torch
+torch.jit.optimized_execution(False).__enter__()  # as the nodes do
 model = torch.jit.load(sys.argv[1])
 state = model.initial()
 observation = torch.tensor([float(x) for x in sys.argv[2].split(",")], dtype=torch.float64)
