@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Settings of every test; fixtures for processes are in tests/system."""
 
+from collections.abc import Iterator
+
 import hypothesis
+import pytest
 import torch
 
 # The same examples in every run, and no time limit for one example: a busy machine is no failure.
@@ -16,5 +19,10 @@ hypothesis.settings.load_profile("ci")
 torch.set_num_threads(
     1
 )  # as the nodes do: the tensors are small, and threads that wait for each other are slower
-torch.jit.optimized_execution(should_optimize=False).__enter__()  # type: ignore[attr-defined]
-# As terrain_estimator.model.torchscript.running does: torch's optimiser takes 13 s a model.
+
+
+@pytest.fixture(autouse=True, scope="session")
+def modules_as_written() -> Iterator[None]:
+    """Run TorchScript as the nodes do: torch's optimiser takes 13 s for each model."""
+    with torch.jit.optimized_execution(should_optimize=False):  # type: ignore[attr-defined]
+        yield

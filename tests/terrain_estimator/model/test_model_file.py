@@ -30,12 +30,12 @@ from terramechanics.presets import load_rover, load_soil
 # NumPy of ours.
 BARE = """
 import sys, torch
-torch.jit.optimized_execution(False).__enter__()  # as the nodes do
 model = torch.jit.load(sys.argv[1])
 state = model.initial()
 observation = torch.tensor([float(x) for x in sys.argv[2].split(",")], dtype=torch.float64)
-for _ in range(25):
-    state = model.update(state, observation)
+with torch.jit.optimized_execution(False):  # as the nodes do
+    for _ in range(25):
+        state = model.update(state, observation)
 print(*model.estimate(state).flatten().tolist(), *model.predict(state, observation).tolist())
 packages = {name.split(".")[0] for name in sys.modules}
 assert not packages & {"terrain_estimator", "terramechanics", "rclpy"}
