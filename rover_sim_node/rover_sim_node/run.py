@@ -60,7 +60,7 @@ class SimulatedRun:
             1,
             _profile(config),
             self._step,
-            _plant(config, self.rover),
+            plant_of(config, self.rover),
         )
         self._bias = acceleration_bias(self._noise, 1, self._sensing)
         self._wheel_angle = torch.zeros(len(self.rover.wheels), dtype=torch.float64)
@@ -143,23 +143,26 @@ def _ground(config: SimulatorConfig, width: float) -> Ground:
     return Ground(patches)
 
 
-def check_effect_size(config: SimulatorConfig) -> None:
-    """Raise ConfigError where a size is given without an effect."""
-    if not config.effect and config.effect_size and not math.isnan(config.effect_size):
-        raise ConfigError(
-            f"parameter effect_size: {config.effect_size:g} does nothing without a name: set effect"
-        )
+def plant_of(config: SimulatorConfig, rover: Rover) -> Plant | None:
+    """Return the effect that a drive has; None for none.
 
-
-def _plant(config: SimulatorConfig, rover: Rover) -> Plant | None:
-    check_effect_size(config)
+    Raises ConfigError for a parameter of it that is wrong.
+    """
     if not config.effect:
+        if config.effect_size and not math.isnan(config.effect_size):
+            raise ConfigError(
+                f"parameter effect_size: {config.effect_size:g} does nothing without a name: set"
+                " effect"
+            )
         return None
     given = not math.isnan(config.effect_size)
     try:
         description = describe(config.effect)
         size = description.checked(config.effect_size) if given else description.high
-        effect = make_effect(config.effect, size, config.effect_axle)
+        if description.planar or not config.steering:
+            effect = make_effect(config.effect, size, config.effect_axle)
+        else:
+            effect = description.acting(description.values(size))
     except ConfigError as error:
         raise ConfigError(f"parameters of the effect: {error}") from error
     if description.by_axle and config.effect_axle >= rover.axles:

@@ -22,10 +22,12 @@ from rover_sim_node.reading import (
     SimulatedReading,
     single,
 )
-from rover_sim_node.run import check_effect_size
+from rover_sim_node.run import plant_of
 from rover_sim_node.twist_commands import SKID, TwistCommands
 from terramechanics.description.layout import track_width_of
+from terramechanics.effects import EFFECTS, Description
 from terramechanics.presets import load_rover, load_soil
+from terramechanics.simulation.body_plant import BodyPlant
 from terramechanics.simulation.sample import SLOWEST, Measurement, Sample
 from terramechanics.simulation.sensors import Noise, acceleration_bias, measure
 from terramechanics.simulation.simulation import STUCK_TIME
@@ -68,6 +70,8 @@ class TurningRun:
         )
         uphill = math.tan(config.ramp_grade) if config.profile == "ramp" else 0.0
         self._step = 1.0 / config.rate
+        plant = plant_of(config, self.rover)
+        self._effects = None if plant is None else BodyPlant(plant, self.rover)
         self._constants, self._strength = soil.constants(), soil.strength()
         self._simulation = BodySimulation(
             chassis,
@@ -76,6 +80,7 @@ class TurningRun:
             Plane(uphill, math.tan(config.cross_slope)),
             time_step=self._step,
             surface=_surface(config),
+            effects=self._effects,
         )
         # The chassis has the left wheels first, each side from front to rear.
         self._places = [
@@ -104,7 +109,8 @@ class TurningRun:
                 " steep or the ground too soft"
             )
         sample = self._sample(body)
-        measured = single(measure(self.rover, sample, self._noise, self._bias[:1], self._sensing))
+        sensed = sample if self._effects is None else self._effects.sensed(sample)
+        measured = single(measure(self.rover, sensed, self._noise, self._bias[:1], self._sensing))
         self._wheel_angle = self._wheel_angle + self._step * measured.wheel_rate
         moved = self._integrated(measured, self._sideways(body, float(measured.pitch)))
         force = self._felt(body)
@@ -256,6 +262,11 @@ def _surface(config: SimulatorConfig) -> Surface:
     return random_waves(1, STEEPEST, generator)
 
 
+def _acts_in_turns(effect: Description) -> bool:
+    """Return whether an effect is simulated where a rover turns."""
+    return not effect.by_axle and not effect.law.keeps_ruts
+
+
 def _check(config: SimulatorConfig) -> None:
     """Refuse what is simulated for rovers that drive straight alone."""
     why = f"with steering {config.steering}"
@@ -267,9 +278,11 @@ def _check(config: SimulatorConfig) -> None:
         raise ConfigError(
             f"parameter profile: {config.profile} is not simulated {why}: give flat, ramp or hills"
         )
-    if config.effect:
-        raise ConfigError(f"parameter effect: {config.effect} is not simulated {why}: leave it out")
-    check_effect_size(config)
+    if config.effect in EFFECTS and not _acts_in_turns(EFFECTS[config.effect]):
+        raise ConfigError(
+            f"parameter effect: {config.effect} is not simulated {why}: give one of"
+            f" {', '.join(name for name, each in EFFECTS.items() if _acts_in_turns(each))}"
+        )
     if config.change.soil:
         raise ConfigError(
             f"parameter change.soil: {config.change.soil} is not simulated {why}: leave it out"

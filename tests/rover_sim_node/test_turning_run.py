@@ -207,6 +207,22 @@ def test_over_hills_it_leans_every_way_and_says_so() -> None:
     assert torch.equal(again.measured.contact_angle, found[19].measured.contact_angle)
 
 
+@pytest.mark.parametrize(
+    ("effect", "size", "signal"),
+    [
+        ("grousers", 20.0, "torque"),
+        ("lateral_bulldozing", 2e5, "slip"),
+        ("sinkage_bias", 0.01, "sinkage"),
+        ("latency", 0.5, "slip"),
+    ],
+)
+def test_an_effect_acts_on_a_rover_that_turns(effect: str, size: float, signal: str) -> None:
+    changed = dataclasses.replace(SKID, effect=effect, effect_size=size)
+    with_effect, bare = (driven(each, (0.2, 0.0, 0.5), 15)[-1] for each in (changed, SKID))
+    moved = getattr(with_effect.measured, signal) - getattr(bare.measured, signal)
+    assert float(moved.abs().max()) > 0.005 * float(getattr(bare.measured, signal).abs().max())
+
+
 def test_a_rover_turns_on_the_spot_crabs_and_backs() -> None:
     spot = driven(STEERED, (0.0, 0.0, 0.1), 40)[-1]
     assert spot.sideways.yaw > 0.15
@@ -310,7 +326,9 @@ def test_the_same_seed_gives_the_same_run() -> None:
         ({"steering": "tracks"}, "parameter steering: 'tracks' is unknown, give one of skid"),
         ({"schedule": "S1"}, "parameter schedule: S1 drives straight ahead"),
         ({"profile": "step"}, "parameter profile: step is not simulated with steering skid"),
-        ({"effect": "bulldozing"}, "parameter effect: bulldozing is not simulated"),
+        ({"effect": "failed_wheel"}, "parameter effect: failed_wheel is not simulated"),
+        ({"effect": "contact_law_scm"}, "parameter effect: contact_law_scm is not simulated"),
+        ({"effect": "bulldozing"}, "parameter effect_size: give the size of bulldozing"),
         ({"effect_size": 3.0}, "parameter effect_size: 3 does nothing without a name"),
         ({"change": GroundChange(soil="regolith")}, r"parameter change\.soil: regolith"),
         ({"cmd_vel_timeout": 0.1, "rate": 5.0}, "cmd_vel_timeout"),

@@ -37,7 +37,13 @@ class SimulatedEffect(Effect):
 
     def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         """Change the inputs of the stress integrals by the law."""
-        return self._law(where.rover).contact(contact, self._of(where), where.rate)
+        law = self._law(where.rover)
+        if where.passes is None:
+            return law.contact(contact, self._of(where), where.rate)
+        order, law.order = law.order, where.passes
+        changed = law.contact(contact, self._of(where), where.rate)
+        law.order = order
+        return changed
 
     @property
     def keeps_ruts(self) -> bool:

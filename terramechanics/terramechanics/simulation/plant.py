@@ -38,6 +38,8 @@ class Situation:
     # [rows, axles] [rad/s] commanded wheel rate; under torque commands that of the step before
     rate: Tensor
     velocity: Tensor  # [rows] [m/s] at the start of the step
+    # [rows, axles] wheels that rolled there before; None: those ahead, as of one that drives on
+    passes: Tensor | None = None
 
     def rows(self, index: Tensor) -> "Situation":
         """Return the same for some of the episodes."""
@@ -47,11 +49,14 @@ class Situation:
             place=self.place[index],
             rate=self.rate[index],
             velocity=self.velocity[index],
+            passes=None if self.passes is None else self.passes[index],
         )
 
     @property
     def order(self) -> Tensor:
-        """Number of wheels that rolled over the same ground before, [axles]."""
+        """Number of wheels that rolled over the same ground before, [axles] or [rows, axles]."""
+        if self.passes is not None:
+            return self.passes
         return torch.arange(self.rover.axles, dtype=torch.float64)
 
     @property

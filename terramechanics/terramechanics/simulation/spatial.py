@@ -5,7 +5,7 @@
 The planar rover of simulation.py is the special case of equal wheels left and right that drive
 straight ahead. As there, motion normal to the ground is quasi-static, steps are implicit, and each
 step first moves the rover by its velocity and then solves the contacts at its new place. Rim speeds
-and steering angles are commanded. Neither ruts nor effects act here yet.
+and steering angles are commanded. Effects act as ``body_plant`` has them.
 
 Ground is a plane slope and what rises above it. Places and headings are those along the plane; the
 body leans from the plane by as much as the ground does.
@@ -18,6 +18,8 @@ import torch
 from torch import Tensor
 
 from terramechanics.contact.stresses import quadrature
+from terramechanics.contact.tracks import Tracks
+from terramechanics.simulation.body_plant import BodyPlant, WheelEffects
 from terramechanics.simulation.sample import SLOWEST, TIME_STEP
 from terramechanics.terrain.surface import Level, Surface
 from terramechanics.vehicle.body_step import BodyContacts, BodyStep, solve_body
@@ -100,17 +102,21 @@ class BodySimulation:
         time_step: float = TIME_STEP,
         slowest: float = SLOWEST,
         surface: Surface | None = None,
+        effects: BodyPlant | None = None,
     ) -> None:
         """Start at rest at the origin, with ``heading`` [batch] [rad], 0 by default.
 
-        ``surface`` is what rises above the plane, by default nothing.
+        ``surface`` is what rises above the plane, by default nothing; ``effects`` are what the
+        nominal model lacks. Raises ConfigError for effects that are not simulated here.
 
         Soil ``constants`` [batch, 6] in the order of CONSTANTS and ``strength`` [batch, 2], c [Pa]
         and tan(phi), are the same below all wheels. A step lasts ``time_step`` [s]. ``slowest``
         [m/s] is that of rolling_forces: rovers at rest creep by less than it.
         """
         batch = strength.shape[0]
+        chassis = chassis if effects is None else effects.begin(chassis, batch)
         self.chassis, self.plane, self.time_step = chassis, plane or Plane(), time_step
+        self._effects = effects
         self._slowest = slowest
         wheels = (batch, chassis.wheels)
         self._constants = constants.unsqueeze(-2).expand(*wheels, 6)
@@ -125,6 +131,10 @@ class BodySimulation:
         self._surface: Surface = surface or Level()
         self._attitude = Attitude.flat(chassis, self.position)
         self._gravity = self.plane.gravity(chassis.gravity)
+        axes = self._attitude.rotation(self.heading)
+        self._tracks = Tracks(
+            self._wheel_places(), -2.0 * chassis.reach * axes[:, :2, 0], chassis.wheel_width
+        )
 
     def settle(self, rim: Tensor, steering: Tensor, guess: Tensor) -> BodyContacts:
         """Start in the steady state of a command, near the velocity ``guess`` [batch, 3].
@@ -132,7 +142,8 @@ class BodySimulation:
         ``rim`` [m/s] and ``steering`` [rad] are [batch, wheels].
         """
         self.velocity = guess
-        contacts = self._contacts(rim, steering, guess, LONG_STEP, steady=True)
+        effects = self._acting(rim)
+        contacts = self._contacts(rim, steering, guess, LONG_STEP, effects, steady=True)
         self.velocity, self.rim = contacts.velocity, rim
         self._sinkage = contacts.sinkage
         return contacts
@@ -141,11 +152,15 @@ class BodySimulation:
         """Simulate a step under rim speeds [m/s] and steering angles [rad], [batch, wheels]."""
         self._move()
         start = self.velocity
-        contacts = self._contacts(rim, steering, start, self.time_step, steady=False)
+        effects = self._acting(rim)
+        contacts = self._contacts(rim, steering, start, self.time_step, effects, steady=False)
         self.steps += 1
         torque = contacts.forces[..., 2] + self.chassis.wheel_inertia * (rim - self.rim) / (
             self.chassis.wheel_radius * self.time_step
         )
+        if effects is not None:
+            torque = torque + effects.friction()
+            self._tracks.remember(self._wheel_places())
         self.velocity, self.rim, self._sinkage = contacts.velocity, rim, contacts.sinkage
         return BodySample(
             time=torch.full_like(self.heading, self.steps * self.time_step),
@@ -164,6 +179,19 @@ class BodySimulation:
             torque=torque,
             solved=contacts.solved,
         )
+
+    def _wheel_places(self) -> Tensor:
+        """Return the places of the wheels along the plane [batch, wheels, 2] [m]."""
+        axes = self._attitude.rotation(self.heading)[:, :2, :2]
+        return self.position.unsqueeze(1) + self.chassis.places() @ axes.mT
+
+    def _acting(self, rim: Tensor) -> WheelEffects | None:
+        """Return the effects of the step to come."""
+        if self._effects is None:
+            return None
+        passes = self._tracks.passes(self._wheel_places())
+        time = (self.steps + 1) * self.time_step
+        return self._effects.step(time, rim, self.velocity[:, 0], passes)
 
     def _felt(self) -> Tensor:
         """Return gravity in the frame of the body [batch, 3] [m/s^2]."""
@@ -186,7 +214,14 @@ class BodySimulation:
         )
 
     def _contacts(
-        self, rim: Tensor, steering: Tensor, guess: Tensor, duration: float, *, steady: bool
+        self,
+        rim: Tensor,
+        steering: Tensor,
+        guess: Tensor,
+        duration: float,
+        effects: WheelEffects | None,
+        *,
+        steady: bool,
     ) -> BodyContacts:
         self._attitude, self._stance = solve_stance(
             self.chassis, self._surface, self.position, self.heading, self._attitude
@@ -205,5 +240,6 @@ class BodySimulation:
             self._slowest,
             steady=steady,
             stance=self._stance,
+            effects=effects,
         )
         return solve_body(step, self._sinkage, guess)

@@ -21,6 +21,7 @@ from torch import Tensor
 from terramechanics.contact.rolling import WheelMotion, compiled_rolling_forces
 from terramechanics.contact.sinkage import DEEPEST, SHALLOWEST
 from terramechanics.numerics.roots import Rows, damped_newton, quasi_newton
+from terramechanics.simulation.body_plant import WheelEffects
 from terramechanics.vehicle.chassis import FREE, Chassis, Stance
 
 SMALL = 1e-6
@@ -69,6 +70,7 @@ class BodyStep:
     balances: Tensor  # [batch, 6 + J, wheels, 4] balance_matrix, in units of weight and reach
     hubs: Tensor  # [batch, wheels, 2, 3] motion_matrix
     closure: Tensor  # [wheels - 3 - J, wheels] closure, in units of the radius
+    effects: WheelEffects | None = None
 
     @classmethod
     def of(
@@ -87,6 +89,7 @@ class BodyStep:
         *,
         steady: bool,
         stance: Stance | None = None,
+        effects: WheelEffects | None = None,
     ) -> "BodyStep":
         """Set up the step; arguments as the fields have them, the ``stance`` on a plane."""
         stance = stance or chassis.level_stance()
@@ -96,6 +99,7 @@ class BodyStep:
             chassis.balance_matrix(steering, stance) / _scale(chassis)[:, None, None],
             chassis.motion_matrix(steering, stance),
             chassis.closure() / chassis.wheel_radius,
+            effects,
         )  # fmt: skip
 
     def rows(self, index: Tensor) -> "BodyStep":
@@ -111,6 +115,7 @@ class BodyStep:
             stance=self.stance.rows(index),
             balances=self.balances[index],
             hubs=self.hubs[index],
+            effects=None if self.effects is None else self.effects.rows(index),
         )
 
     def motion(self, velocity: Tensor) -> WheelMotion:
@@ -126,6 +131,10 @@ class BodyStep:
 
     def forces(self, motion: WheelMotion, sinkage: Tensor, nodes: Tensor) -> Tensor:
         """Return N, T, M, Y of wheels [..., wheels, 4]."""
+        if self.effects is not None:
+            return self.effects.forces(
+                motion, sinkage, self.constants, self.strength, nodes, self.slowest
+            )
         rows = compiled_rolling_forces()(
             motion, sinkage, self.constants, self.chassis.wheel_radius, self.chassis.wheel_width,
             nodes, None, self.slowest,
