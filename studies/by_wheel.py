@@ -49,7 +49,10 @@ from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.update import Update
 from terramechanics.contact.rolling import WheelMotion
 from terramechanics.contact.stresses import quadrature
+from terramechanics.effects import EFFECTS
 from terramechanics.presets import load_rover
+from terramechanics.simulation.body_plant import BodyPlant
+from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.sample import TIME_STEP, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.spatial import BodySample
@@ -73,6 +76,8 @@ TYPICAL = {"four_wheel_rover": 1, "mars_rover": 1}
 """Number of the yaw rate with which other errors are tried."""
 GAIN_SD = 0.1
 """[1] Deviation of an error that all torques share."""
+SHOWS, DEPTH = 0.05, 0.02
+"""[1], [m] Share of a wheel's load that a hidden force has, at that sinkage."""
 STEEP = 5.0
 """[deg] Steepest slope of hills and bumps."""
 BUMPS = (0.8, 3.0)
@@ -117,8 +122,12 @@ def observed(
     strength: Tensor,
     order: Sequence[int],
     generator: torch.Generator,
+    effects: BodyPlant | None = None,
 ) -> list[list[Observation]]:
-    """Return the observations by wheel of each drive; ``order`` is that of the samples' wheels."""
+    """Return the observations by wheel of each drive; ``order`` is that of the samples' wheels.
+
+    ``effects`` are those of sensors.
+    """
 
     def stacked(name: str) -> Tensor:
         return torch.stack([getattr(sample, name) for sample in driven], 1)
@@ -156,6 +165,7 @@ def observed(
         constants=SOIL.constants().expand(*slip.shape, 6),
         strength=strength[:, None, None, :].expand(*slip.shape, 2),
     )
+    sample = sample if effects is None else effects.sensed(sample)
     measured = measure_drive(rover, sample, Noise(), generator)
 
     def read(true: Tensor, deviation: float) -> Floats:
@@ -257,6 +267,7 @@ class Motion:
     sinkages: bool = True  # whether they are measured
     uneven: float = 0.0  # [deg] steepest slope of what rises above the plane
     lengths: tuple[float, float] = WAVELENGTHS  # [m] of its shortest and longest wave
+    hidden: str = ""  # an effect that the estimator is not told
     angles: bool = True  # whether contact angles are measured, or ANGLE_SD is stated instead
 
     def but(self, words: str, **changed: Any) -> "Motion":
@@ -281,6 +292,49 @@ class Motion:
             )
             for each in drive
         ]
+
+
+def hidden_effect(name: str, rover: Rover) -> BodyPlant:
+    """Return an effect of the library at a size that shows on the rover.
+
+    Forces of it are then a twentieth of a wheel's load.
+    """
+    force = SHOWS * rover.weight / len(rover.wheels)
+    area = rover.wheel_radius * rover.wheel_width
+    sizes = {
+        "slope_bias": 0.02,
+        "bulldozing": force / DEPTH**2,
+        "drive_drag": force * rover.wheel_radius,
+        "coulomb_drag": force * rover.wheel_radius,
+        "payload": SHOWS * rover.mass,
+        "grousers": force,
+        "slip_sinkage": 0.25,
+        "multipass": 0.15,
+        "odometry_scale": 0.012,
+        "sinkage_bias": 0.1 * DEPTH,
+        "rate_dependence": 0.15,
+        "exit_angle": 0.1,
+        "lateral_bulldozing": force / (DEPTH * area),
+    }
+    effect = EFFECTS[name]
+    return BodyPlant(Plant([effect.acting(effect.values(sizes[name]))]), rover)
+
+
+HIDDEN = (
+    "slope_bias",
+    "bulldozing",
+    "drive_drag",
+    "coulomb_drag",
+    "payload",
+    "grousers",
+    "slip_sinkage",
+    "multipass",
+    "odometry_scale",
+    "sinkage_bias",
+    "rate_dependence",
+    "exit_angle",
+    "lateral_bulldozing",
+)
 
 
 def without_angles(observation: Observation) -> Observation:
@@ -336,11 +390,12 @@ def lines(
         drawn = torch.rand(DRIVES, 6, generator=generator, dtype=torch.float64)
         constants = SOIL.constants() * (1.0 + CONSTANTS_OFF * (2.0 * drawn - 1.0))
         shift = (motion.shift, -motion.shift)
+        effects = hidden_effect(motion.hidden, rover) if motion.hidden else None
         driven, strength = simulated(
             kind, motion.yaw_rate, motion.lean, samples, constants, generator, shift,
-            motion.surface(),
+            motion.surface(), effects,
         )  # fmt: skip
-        found = observed(rover, driven, strength, order, generator)[:drives]
+        found = observed(rover, driven, strength, order, generator, effects)[:drives]
         found = [motion.misread(drive, generator) for drive in found]
         if not motion.angles:
             found = [[without_angles(each) for each in drive] for drive in found]
@@ -468,7 +523,11 @@ def main(argv: list[str] | None = None) -> int:
     study_parser("by_wheel", main.__doc__).parse_args(argv)
     torch.set_num_threads(1)
     for kind in KINDS:
-        sys.stdout.write(f"{kind.rover}:\n\n{table(HEAD, lines(kind, motions(kind.rover)))}\n")
+        chosen = motions(kind.rover)
+        sys.stdout.write(f"{kind.rover}:\n\n{table(HEAD, lines(kind, chosen))}\n")
+        turn = chosen[1 + TYPICAL[kind.rover]]
+        hiding = [turn.but(name, hidden=name) for name in HIDDEN]
+        sys.stdout.write(f"{kind.rover}, hidden:\n\n{table(HEAD, lines(kind, hiding))}\n")
         sys.stdout.flush()
     sys.stdout.write(f"skid-steer of 60 kg, 60 s:\n\n{table(BOUND_HEAD, bound_lines())}\n")
     return 0

@@ -38,6 +38,7 @@ from terrain_estimator.planning.planner import Planner, Reason
 from terrain_estimator.planning.solving import solve_statics
 from terrain_estimator.planning.table import TractionTable
 from terramechanics.presets import load_rover, load_soil
+from terramechanics.simulation.body_plant import BodyPlant
 from terramechanics.simulation.sample import TIME_STEP, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.spatial import BodySample, BodySimulation, Plane
@@ -104,12 +105,13 @@ def simulated(
     generator: torch.Generator,
     shift: tuple[float, float] = (0.0, 0.0),
     surface: Surface | None = None,
+    effects: BodyPlant | None = None,
 ) -> tuple[list[BodySample], Tensor]:
     """Return the samples of all drives on ground of these ``constants`` [drives, 6].
 
     Also the true strength [drives, 2]. ``lean`` [deg] is the slope across which the rovers drive,
     with their heading kept. Their speed varies by a third. ``shift`` [m] moves the centre of mass
-    ahead and to the left. ``surface`` is what rises above the plane.
+    ahead and to the left. ``surface`` is what rises above the plane, ``effects`` what is hidden.
     """
     rover = load_rover(kind.rover)
     chassis = Chassis.of(rover, kind.track, kind.yaw_inertia)
@@ -122,6 +124,7 @@ def simulated(
         strength,
         Plane(0.0, math.tan(math.radians(lean))),
         surface=surface,
+        effects=effects,
     )
     drawn = torch.rand(2, DRIVES, generator=generator, dtype=torch.float64)
     frequency, phase = 0.05 + 0.1 * drawn[0], 2.0 * math.pi * drawn[1]
