@@ -5,6 +5,7 @@
 The compiled core stands beside TorchScript, TorchScript beside one update in NumPy.
 """
 
+import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,12 +14,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from benchmarks.drives import observations
+from benchmarks.drives import observations, turning_observations
 from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.numpy_training import Floats
 from terrain_estimator.compiled.finding import load
+from terrain_estimator.compiled.folder import build_core, wide_flags, write_core
 from terrain_estimator.config.estimator import COMPILED, EstimatorConfig
 from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.learning.by_wheel import build_model_by_wheel
 from terrain_estimator.learning.export import export
 from terrain_estimator.learning.training import build_model
 from terrain_estimator.messaging.pipeline import warm_up
@@ -26,7 +29,10 @@ from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.metadata import Training
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Observation
+from terramechanics.presets import load_rover, load_soil
+from terramechanics.vehicle.wheel_places import WheelPlaces
 
+BY_WHEEL_US = 60.0
 MEDIAN_US, CLOSING_US, HIGH_US = 40.0, 300.0, 400.0
 SECONDS = 120.0
 
@@ -51,6 +57,7 @@ def lines(effort: Effort) -> Iterator[BenchmarkLine]:
             against=against,
             note=note,
         )
+    yield from by_wheel(effort)
     size = len(reference.metadata.parameters)
     update = numpy_update(size, len(reference.rows))
     for what, value in slow.items():
@@ -62,6 +69,33 @@ def lines(effort: Effort) -> Iterator[BenchmarkLine]:
             reference=f"one information-form update of {size} parameters in NumPy",
             against=update,
             note=note,
+        )
+
+
+def by_wheel(effort: Effort) -> Iterator[BenchmarkLine]:
+    """Yield the figures of a model by wheel of six wheels, all of them steered."""
+    rover, soil = load_rover("mars_rover"), load_soil("loose_sand")
+    places = WheelPlaces.of(rover, 1.0, rover.wheel_names)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "by_wheel.pt"
+        model = build_model_by_wheel(rover, places, [soil])
+        export(model, rover, [soil], Training(0, 0, 0.0, torch.__version__), path, places)
+        reference, core = load_model(str(path)), Path(folder) / "core"
+        write_core(path, core)
+        build_core(core, path.with_suffix(".so"), *wide_flags())
+        seen = turning_observations(reference, effort.seconds(SECONDS, least=5.0))
+        closes = closing(reference, seen)
+        slow = _figures(microseconds(reference, seen), closes)
+        quick = _figures(microseconds(load(str(path), COMPILED).model, seen), closes)
+    for bar, (what, value) in zip((BY_WHEEL_US, None, None), quick.items(), strict=True):
+        yield BenchmarkLine(
+            f"one observation by wheel, six wheels, compiled core: {what}",
+            value,
+            "us",
+            bar,
+            reference="TorchScript",
+            against=slow[what],
+            note=f"processor time; {np.count_nonzero(closes)} of {len(seen)} close a block",
         )
 
 

@@ -93,8 +93,8 @@ def _balances(
 ) -> Tensor:
     """Return the balances of forces and moments per N, T, M, Y, each [..., wheels, 4]."""
     place_x, place_z = axle_places(geometry, joints).unsqueeze(-1).unbind(-2)
-    on_axle = torch.tensor([1.0, 1.0, 1.0, 0.0], dtype=force_x.dtype)
-    height = place_z * on_axle  # Y acts on the ground line
+    # Y acts on the ground line
+    height = torch.cat([place_z, place_z, place_z, torch.zeros_like(place_z)], -1)
     centre_x, centre_z = geometry.centre.unbind(-1)
     arm, y = place_x - centre_x, side.unsqueeze(-1)
     yaw = arm * force_y - y * force_x

@@ -22,13 +22,16 @@ from terrain_estimator.compiled.runtime import CompiledRuntime
 from terrain_estimator.compiled.source import answers, recorded_drive
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.learning.by_wheel import build_model_by_wheel
+from terrain_estimator.learning.export import export
 from terrain_estimator.model.loaded import LoadedModel
-from terrain_estimator.model.metadata import model_names, model_path
+from terrain_estimator.model.metadata import Training, model_names, model_path
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.torchscript import running
 from terrain_estimator.observation import Observation
 from terrain_estimator.update import Update
-from terramechanics.vehicle.rover import Rover
+from terramechanics.presets import load_rover, load_soil
+from terramechanics.vehicle.wheel_places import WheelPlaces
 from tests.rovers import FOUR_WHEELS
 from tests.terrain_estimator.drives import drive_observations
 from tests.terrain_estimator.kinds import exported
@@ -247,16 +250,26 @@ def _only_beside(path: Path, sha256: str) -> None:
         find_core(path, sha256)
 
 
-@pytest.mark.parametrize("rover", [None, FOUR_WHEELS], ids=["mars_rover", "four_wheels"])
+def by_wheel(folder: Path) -> Path:
+    """Write a model of six free wheels with a gain of the torques."""
+    rover, soil, path = load_rover("mars_rover"), load_soil("loose_sand"), folder / "by_wheel.pt"
+    places = WheelPlaces.of(rover, 1.0, rover.wheel_names)
+    model = build_model_by_wheel(rover, places, [soil], torque_sd=(0.1,))
+    export(model, rover, [soil], Training(0, 0, 0.0, torch.__version__), path, places)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["mars_rover", "four_wheels", "by_wheel"])
 def test_an_exported_folder_builds_and_checks_itself(
-    folder: Path, tmp_path: Path, rover: Rover | None
+    folder: Path, tmp_path: Path, kind: str
 ) -> None:
-    """Of a model that ships, and of one with two axles and without a joint."""
-    place = tmp_path / "core"
-    name = "mars_rover" if rover is None else str(exported(rover, tmp_path))
-    if rover is None:
+    """Of a model that ships, of one with two axles and without a joint, and of single wheels."""
+    place, name = tmp_path / "core", kind
+    if kind == "mars_rover":
         shutil.copytree(folder, place)
     else:
+        written = by_wheel(tmp_path) if kind == "by_wheel" else exported(FOUR_WHEELS, tmp_path)
+        name = str(written)
         assert export_core.main([name, str(place)]) == 0
     (place / "compile_flags.txt").write_text("-std=c++17\n-O0\n-ffp-contract=off\n")
     for command in (["cmake", "-B", "build"], ["cmake", "--build", "build"]):
