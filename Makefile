@@ -114,7 +114,7 @@ bench: workspace  ## measure every speed that has a bar, beside references: out/
 soak: workspace  ## run three rovers for long, 38 minutes with four processors, 50 with two: does memory, a counter or a rate drift? out/soak.json, docs/faults.md
 	OMP_NUM_THREADS=1 ros2_ws/with python -m benchmarks.soak $(ARGS)
 
-by-wheel: workspace  ## what a model by wheel learns in turns, 50 minutes of one core: the tables of docs/lateral.md
+by-wheel: workspace  ## what a model by wheel learns in turns, 45 minutes of one core: the tables of docs/lateral.md
 	OMP_NUM_THREADS=1 ros2_ws/with python -m studies.by_wheel $(ARGS)
 
 pages: workspace  ## write the pages and parameter files that follow from the code

@@ -28,6 +28,7 @@ def test_turns_are_used_live_and_the_replay_gives_the_same_bytes(
         "rover:=four_wheel_rover",
         "soil:=loose_sand",
         "steering:=skid",
+        "profile:=hills",
         f"track_width:={TRACK}",
         "schedule:=cmd_vel",
         "duration:=16.0",
