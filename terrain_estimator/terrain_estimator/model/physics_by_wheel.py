@@ -84,6 +84,8 @@ INSIDE = (-0.59, 0.94)
 """[1] Slips between which the law of stresses moves the largest one, and those that pass for it."""
 SMALL = 1e-3
 """[1] Share of the rim's speed by which the motion across is varied."""
+PULLED = ("mean_velocity", "velocity", "acceleration", "lateral_velocity")
+"""Rows of forces over the mass."""
 FEWEST = 5
 """Readings from which on a block has a slope."""
 ROUNDS = 3
@@ -106,6 +108,7 @@ class PhysicsByWheel(nn.Module):
     spent: Tensor
     kept: Tensor
     telling: Tensor
+    pulled: Tensor
     unsteady: Tensor
 
     def __init__(
@@ -141,6 +144,8 @@ class PhysicsByWheel(nn.Module):
         spent, telling = spent_rows(rows, axles)
         self.register_buffer("spent", torch.tensor(spent))
         self.register_buffer("telling", torch.tensor(telling))
+        pulled = [float(name in PULLED) for name in ("mean_velocity", *rows)]
+        self.register_buffer("pulled", torch.tensor(pulled, dtype=torch.float64))
         kept = [float(place not in spent) for place in range(len(rows))]
         self.register_buffer("kept", torch.tensor(kept, dtype=torch.float64))
 
@@ -382,11 +387,12 @@ class PhysicsByWheel(nn.Module):
     def averaged(
         self, rows: Rows, frame: Frame, learnt: Tensor, deviations: Tensor, chosen: Tensor
     ) -> SoilRows:
-        """Return the mean of the ``rows`` of a block, with the centre of mass in the yaw moment.
+        """Return the mean of the ``rows`` of a block, with mass and centre of mass in them.
 
         About a centre that is dx ahead and dy to the left of the rover file's the moment of the
         wheels is dx SUM Y less and dy SUM X more; these sums are m times the specific forces of the
-        body, whose slopes are read. Then the spent rows are taken off these columns, too.
+        body, whose slopes are read. More mass takes more force for the same motion ahead and
+        beside. Then the spent rows are taken off these columns, too.
         """
         nominal, view = self.nominal, frame.measured
         slope, share = block_slopes(view.step)
@@ -401,16 +407,19 @@ class PhysicsByWheel(nn.Module):
         torque = frame.target.narrow(1, 2, self.axles)
         columns = observed_columns(turned, torque, motion.rim, learnt.shape[2], count)
         fixed = nominal.fixed_columns
+        wide, step = fixed.shape[1], view.step * used[:, 0]
+        weight = row_weights(used, step)
+        pulled = (velocity_twice(frame.target, 1) * weight).sum(0) * self.pulled
+        heavier = nn.functional.pad(-pulled.unsqueeze(1), [0, wide - 1])
         shifted = nn.functional.pad(
-            (-per_shift * beside).view(1, 1), [1, fixed.shape[1] - 2, fixed.shape[0] - 1, 0]
+            (-per_shift * beside).view(1, 1), [1, wide - 2, fixed.shape[0] - 1, 0]
         )
         velocity = torch.stack([view.velocity, view.velocity_sd**2], 1)
         columns = columns + torch.where(used[:, :1].unsqueeze(-1) > 0.0, learnt, 0.0)
-        fixed, step = fixed + shifted, view.step * used[:, 0]
+        fixed = fixed + heavier + shifted
         if rows.taken.shape[2] > 0:
             columns = without_spent(columns, rows.taken, self.spent)
-            weight = row_weights(used, step).unsqueeze(-1)
-            multiples = (velocity_twice(rows.taken, 1) * weight).sum(0)
+            multiples = (velocity_twice(rows.taken, 1) * weight.unsqueeze(-1)).sum(0)
             fixed = fixed - multiples @ fixed.index_select(0, self.spent + 1)
         none = rows.taken.narrow(2, 0, 0)
         averaged = block_rows(

@@ -85,11 +85,12 @@ def observations(
     lean: float = 0.0,
     shift: tuple[float, float] = (0.0, 0.0),
     profile: str = "",
+    mass: float = 0.0,
 ) -> list[Observation]:
     """Return what the node makes of the messages of a drive, with ``seconds`` for each twist.
 
     ``lean`` [rad] is the slope across, ``shift`` [m] how far the centre of mass is ahead and to the
-    left of where the rover file has it.
+    left of where the rover file has it, ``mass`` [1] by which share it is heavier.
     """
     name = model.rover.name
     config = SimulatorConfig(
@@ -106,7 +107,9 @@ def observations(
     chassis = run._simulation.chassis
     x, y, height = chassis.centre
     moved = (x + shift[0], y + shift[1], height)
-    run._simulation.chassis = dataclasses.replace(chassis, centre=moved)
+    run._simulation.chassis = dataclasses.replace(
+        chassis, centre=moved, mass=(1.0 + mass) * chassis.mass
+    )
     core = CoreConfig().of_model(by_wheel=True)
     converter = Converter(model.rover, ConversionConfig(), core, model.metadata.steered)
     for ahead, turn in twists:
@@ -195,6 +198,18 @@ def test_a_shifted_centre_of_mass_is_what_its_parameters_say(
         at = place[row]
         assert abs(float(short[at])) > 1e-3, row
         assert abs(float(left[at])) < 0.05 * abs(float(short[at])), row
+
+
+@pytest.mark.parametrize("turn", [(0.25, 0.0), (0.25, 0.4)])
+def test_more_mass_is_what_its_parameter_says(skid: LoadedModel, turn: Twist) -> None:
+    found = observations(skid, [turn], 8.0, noise=0.0, lean=0.2, mass=0.05)
+    rows, short, place = block_at_truth(skid, found)
+    left = short - rows.linear[:, skid.metadata.parameters.index("mass")] * 0.05
+    for row in ("load", "velocity", "acceleration", "lateral_velocity"):
+        at = place[row]
+        assert abs(float(short[at])) > 1e-2, row
+        share = 0.15 if row == "velocity" else 0.05  # what the speed changes by is not in it
+        assert abs(float(left[at])) < share * abs(float(short[at])), row
 
 
 def rolled(found: Sequence[Observation], bias: float) -> list[Observation]:
