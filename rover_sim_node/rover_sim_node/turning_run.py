@@ -106,7 +106,7 @@ class TurningRun:
         if not bool(body.solved):
             raise TerrainError(
                 f"{self.rover.name}: no wheel loads balance after {time:g} s: the slope is too"
-                " steep or the ground too soft"
+                f" steep, or the ground too soft{self._with_effect}"
             )
         sample = self._sample(body)
         sensed = sample if self._effects is None else self._effects.sensed(sample)
@@ -141,6 +141,11 @@ class TurningRun:
             specific_force=force,
             steering=None if self.config.steering == SKID else body.steering[0, self._places],
         )
+
+    @property
+    def _with_effect(self) -> str:
+        effect = self.config.effect
+        return f", with {effect} of {self.config.effect_size:g}" if effect else ""
 
     def _sample(self, body: BodySample) -> Sample:
         """Return the true values, with those of every wheel in the order of the rover file."""

@@ -11,6 +11,8 @@ from torch import Tensor
 
 NEAREST = 1e-3
 """[m] Way below which a wheel counts as standing."""
+LONGEST = 1000
+"""Places of a wheel that are remembered: a rover on the spot never leaves its tracks."""
 
 
 class Tracks:
@@ -30,14 +32,16 @@ class Tracks:
             return
         self._trail.append(places)
         middle = places.mean(1, keepdim=True)
-        while bool(((self._trail[1] - middle).norm(dim=-1) > self._far).all()):
+        while len(self._trail) > LONGEST or bool(
+            ((self._trail[1] - middle).norm(dim=-1) > self._far).all()
+        ):
             del self._trail[0]
 
     def passes(self, places: Tensor) -> Tensor:
         """Return how many other wheels rolled at ``places`` [batch, wheels, 2] before.
 
         Shape [batch, wheels]; a track that a wheel covers in part counts by that part of its width.
-        A wheel's own track counts for nothing, as it lies behind.
+        A wheel's own track counts for nothing: it lies behind, but for one that backs out.
         """
         trail = torch.stack(self._trail, 2)  # [batch, wheels, T, 2]
         start, way = trail[:, :, :-1], trail.diff(dim=2)

@@ -101,7 +101,10 @@ class SimulatedEffect(Effect):
             sample.wheel_rate,
             sample.time,
         )
-        seen = self._law(self._rover).reported(true, self.values)
+        batch, values = sample.slip.shape[0], self.values
+        if values.shape[0] not in (1, batch):  # of rovers with several sides
+            values = values.repeat_interleave(batch // values.shape[0], 0)
+        seen = self._law(self._rover).reported(true, values)
         pitch = seen.pitch.squeeze(-1)
         # A sample carries dv/dt, a sensor reads dv/dt + g sin ab.
         turned = self._rover.gravity * (torch.sin(sample.pitch) - torch.sin(pitch))

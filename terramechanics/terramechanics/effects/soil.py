@@ -26,16 +26,26 @@ GROUSER_SLIP = 0.1
 """[1] Slip at which grousers have mobilised 63 % of their thrust."""
 REFERENCE_SPEED = 0.1
 """[m/s] Circumferential speed at which the soil constants hold."""
+SPINS = 0.05
+"""[1] Share of the rim's speed below which a wheel that hardly moves on pushes less soil."""
 SOFTEST = 0.05
 """[1] Least stiffness of a rut, of that of the undisturbed soil."""
 
 
 class Bulldozing(Law):
-    """T - size z^2: a wheel pushes a wedge of soil, whose weight grows with the square of z."""
+    """T - size z^2: a wheel pushes a wedge of soil, whose weight grows with the square of z.
+
+    A wheel that only spins pushes none: above a slip of 1 - SPINS the force goes to zero.
+    """
+
+    def __init__(self, rover: Rover, axle: int | None = None) -> None:
+        super().__init__(rover, axle)
+        self.spins = SPINS
 
     def added_force(self, inputs: ContactInputs, values: Tensor) -> AddedForce | None:
         """Return the resistance of the wedge; ``values`` in [N/m^2]."""
-        resistance = values * inputs.sinkage**2
+        moving = ((1.0 - inputs.slip) / self.spins).clamp(0.0, 1.0)
+        resistance = values * inputs.sinkage**2 * moving
         return AddedForce(-resistance, torch.zeros_like(resistance))
 
 
@@ -150,7 +160,7 @@ class RateDependence(Law):
 
     def contact(self, inputs: ContactInputs, values: Tensor, rate: Tensor) -> ContactInputs:
         """Scale the stiffness with the circumferential speed; ``values`` in [1]."""
-        speed = (self.radius * torch.nan_to_num(rate)).clamp(min=self.slowest)
+        speed = (self.radius * torch.nan_to_num(rate).abs()).clamp(min=self.slowest)
         return with_stiffness(inputs, (speed / self.reference) ** values)
 
 

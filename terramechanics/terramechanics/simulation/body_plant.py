@@ -20,7 +20,7 @@ from terramechanics.simulation.sample import SLOWEST, Sample
 from terramechanics.vehicle.chassis import Chassis
 from terramechanics.vehicle.rover import Rover
 
-FASTEST_SLIP = 2.0
+FASTEST_SLIP = 1.0
 """[1] Bound of the slip that effects see: a rim may all but stop while its hub moves on."""
 
 
@@ -114,13 +114,18 @@ class BodyPlant:
             torch.as_tensor(value, dtype=torch.float64).flatten()
             for value in (body.mass, body.x, body.height)
         ]
+        mass, x, height = (float(part[0]) for part in parts)
+        if not mass > 0.0:
+            raise ConfigError(
+                f"effect: it leaves {self._rover.name}, of {self._rover.mass:g} kg, a mass of"
+                f" {mass:g} kg: it has to stay above zero"
+            )
         alike = all(bool((part == part[0]).all()) for part in parts)
         if self.plant.keeps_ruts or body.outer is not None or not alike:
             raise ConfigError(
                 "effect: ruts of another law, forces on the body and a mass of its own for each"
                 " rover are not simulated for rovers that turn"
             )
-        mass, x, height = (float(part[0]) for part in parts)
         return dataclasses.replace(chassis, mass=mass, centre=(x, chassis.centre[1], height))
 
     def step(self, time: float, rim: Tensor, velocity: Tensor, passes: Tensor) -> WheelEffects:

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from terramechanics.contact.tracks import Tracks
+from terramechanics.contact.tracks import LONGEST, Tracks
 
 WHEELS = torch.tensor([[0.5, 0.4], [-0.5, 0.4], [0.5, -0.4], [-0.5, -0.4]], dtype=torch.float64)
 WIDTH = 0.2
@@ -73,3 +73,6 @@ def test_a_rover_that_stands_keeps_its_tracks_and_one_that_went_on_leaves_them()
         tracks.remember(at(0.05 * k, 0.0))
     assert len(tracks._trail) < 80
     assert tracks.passes(at(100.0, 0.0))[0].tolist() == pytest.approx([0.0, 1.0, 0.0, 1.0])
+    for k in range(3000):
+        tracks.remember(at(100.0, 0.0, 0.05 * k))
+    assert len(tracks._trail) <= LONGEST

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from rover_parameters.records import ConfigError
+from terramechanics.contact.tracks import LONGEST
 from terramechanics.effects import EFFECTS, make_effect
 from terramechanics.effects.simulated import SimulatedEffect
 from terramechanics.presets import load_rover, load_soil
@@ -91,7 +92,7 @@ def test_straight_ahead_an_effect_is_that_of_the_planar_simulator(name: str) -> 
     assert float(changed.abs().max()) > 1e-3
 
 
-@pytest.mark.parametrize("name", ["bulldozing", "grousers", "coulomb_drag"])
+@pytest.mark.parametrize("name", [name for name in SIZES if name not in ("payload", "multipass")])
 def test_backing_out_it_acts_the_other_way(name: str) -> None:
     """The rover is the same front and rear but for its centre of mass."""
     middle = dataclasses.replace(FOUR_ROVER, centre_of_mass_x=0.0)
@@ -105,10 +106,33 @@ def test_backing_out_it_acts_the_other_way(name: str) -> None:
     torch.testing.assert_close(last.torque[1, [1, 0, 3, 2]], -last.torque[0], rtol=1e-7, atol=0.0)
 
 
+@pytest.mark.parametrize("name", ["four_wheel_rover", "mars_rover"])
+def test_no_bulldozing_drives_a_rover_back(name: str) -> None:
+    """At the largest size a rover that is commanded ahead stays where it is at worst."""
+    rover = load_rover(name)
+    chassis = Chassis.of(rover, track=0.57, yaw_inertia=5.0)
+    simulation = body(chassis, BodyPlant(Plant([effect_of("bulldozing", 2e5)]), rover))
+    command = skid_command(chassis, torch.tensor([[0.15, 0.0, 0.0]], dtype=torch.float64))
+    last = [simulation.step(*command) for _ in range(15)][-1]
+    assert bool(last.solved.all())
+    assert float(last.velocity[0, 0]) > -1e-6
+    assert float(last.slip.max()) > 0.9
+
+
 def test_at_rest_nothing_pushes_a_rover_along() -> None:
     plant = BodyPlant(Plant([effect_of("bulldozing", 1e5)]), FOUR_ROVER)
     last = driven(plant, (0.0, 0.0, 0.0), 10)
     assert last.velocity.abs().max() < 1e-6
+
+
+def test_on_the_spot_a_rover_rolls_in_its_own_tracks_for_ever() -> None:
+    plant = BodyPlant(Plant([effect_of("multipass", 0.5)]), FOUR_ROVER)
+    simulation = body(FOUR, plant)
+    command = skid_command(FOUR, torch.tensor([[0.0, 0.0, 1.0]], dtype=torch.float64))
+    for _ in range(60):
+        simulation.step(*command)
+    assert len(simulation._tracks._trail) <= LONGEST
+    assert bool((simulation._tracks.passes(simulation._wheel_places()) >= 0.0).all())
 
 
 def test_in_a_turn_rear_wheels_find_less_of_a_rut_than_straight_ahead() -> None:
@@ -139,14 +163,16 @@ def sample_of(last: BodySample, places: list[int]) -> Sample:
     }
     scalars = ("time", "position", "height", "velocity", "acceleration", "pitch", "bogie_angle")
     flags = ("stuck", "standing")
-    none = torch.zeros(1, dtype=torch.float64)
+    none = torch.zeros_like(last.time)
     values = dict.fromkeys(scalars, none) | dict.fromkeys(flags, none > 0.0)
     names = ("contact", "contact_angle", "normal", "traction", "ground_torque")
     values |= dict.fromkeys(names, level) | {"valid": level == 0.0}
+    batch = len(last.time)
     soil = {
-        "constants": SOIL.constants().expand(1, 4, 6),
-        "strength": SOIL.strength().expand(1, 4, 2),
+        "constants": SOIL.constants().expand(batch, 4, 6),
+        "strength": SOIL.strength().expand(batch, 4, 2),
     }
+    values["time"] = last.time
     return Sample(**(values | numbers | soil))
 
 
@@ -168,6 +194,30 @@ def test_sensors_of_each_side_report_as_those_of_a_planar_rover() -> None:
         assert torch.equal(getattr(after, name), getattr(before, name))
 
 
+@pytest.mark.parametrize("name", ["slope_bias", "sinkage_bias", "odometry_scale", "latency"])
+def test_each_rover_of_a_batch_has_its_own_error_of_a_sensor(name: str) -> None:
+    sizes = torch.tensor([0.0, 0.01, 0.02], dtype=torch.float64)
+    effect = EFFECTS[name].acting(EFFECTS[name].values(sizes))
+    plant = BodyPlant(Plant([effect]), FOUR_ROVER)
+    simulation = body(FOUR, plant, batch=3)
+    twists = torch.tensor([[0.2, 0.0, 0.4]], dtype=torch.float64).expand(3, -1)
+    places = list(range(4))
+    found = []
+    for _ in range(4):
+        before = sample_of(simulation.step(*skid_command(FOUR, twists)), places)
+        found.append((before, plant.sensed(before)))
+    before, after = found[-1]
+    seen = [
+        torch.cat(
+            [getattr(each, signal).reshape(3, -1) for signal in ("slip", "sinkage", "pitch")], 1
+        )
+        for each in (before, after)
+    ]
+    changed = (seen[1] - seen[0]).abs().amax(1)
+    assert float(changed[0]) < 1e-12
+    assert 0.0 < float(changed[1]) < float(changed[2])
+
+
 class Pulled(Effect):
     """A force on the body."""
 
@@ -187,3 +237,10 @@ def masses() -> Tensor:
 def test_what_is_not_simulated_is_refused(effect: Effect) -> None:
     with pytest.raises(ConfigError, match="are not simulated for rovers that turn"):
         body(FOUR, BodyPlant(Plant([effect]), FOUR_ROVER), batch=2)
+
+
+@pytest.mark.parametrize("size", [-50.0, -80.0])
+def test_a_payload_that_leaves_no_mass_is_refused_by_name(size: float) -> None:
+    plant = BodyPlant(Plant([effect_of("payload", size)]), FOUR_ROVER)
+    with pytest.raises(ConfigError, match=r"four_wheel_rover, of 50 kg, a mass of .* above zero"):
+        body(FOUR, plant)
