@@ -42,7 +42,7 @@ def wheel_balances(
     force along z [N], moments nose-up and left side up [N m], all moments about the centre of mass,
     and the moment of each joint about its pivot.
 
-    N, T and M act on the axle, the lateral force Y on the ground line below it, as in
+    N, T and M act on the axle, the lateral force Y on the ground below it, as in
     :meth:`terramechanics.vehicle.chassis.Chassis.balance_matrix`, which this is at contact angles
     of zero.
     """
@@ -93,8 +93,8 @@ def _balances(
 ) -> Tensor:
     """Return the balances of forces and moments per N, T, M, Y, each [..., wheels, 4]."""
     place_x, place_z = axle_places(geometry, joints).unsqueeze(-1).unbind(-2)
-    # Y acts on the ground line
-    height = torch.cat([place_z, place_z, place_z, torch.zeros_like(place_z)], -1)
+    # Y acts on the ground below the axle
+    height = torch.cat([place_z, place_z, place_z, place_z - geometry.radius], -1)
     centre_x, centre_z = geometry.centre.unbind(-1)
     arm, y = place_x - centre_x, side.unsqueeze(-1)
     yaw = arm * force_y - y * force_x

@@ -10,8 +10,9 @@ from torch import Tensor
 
 from rover_parameters.records import ConfigError
 from terramechanics.presets import load_rover
-from terramechanics.vehicle.chassis import Chassis
+from terramechanics.vehicle.chassis import Chassis, Stance
 from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.stance import turned
 from terramechanics.vehicle.suspension import axle_places, balances, directions, geometry_of
 from terramechanics.vehicle.wheel_balances import (
     geometry_by_wheel,
@@ -50,6 +51,26 @@ def test_on_a_plane_they_are_those_of_the_chassis_that_turns(name: str) -> None:
     torch.testing.assert_close(found[:, :6], known[:, :6], rtol=0.0, atol=1e-9)
     if rover.suspension:  # left and right bogie together
         torch.testing.assert_close(found[:, 6], known[:, 6] + known[:, 7], rtol=0.0, atol=1e-9)
+
+
+def test_with_turned_bogies_they_are_those_of_the_chassis_on_that_stance() -> None:
+    rover = load_rover("mars_rover")
+    geometry, side = geometry_by_wheel(rover, TRACK)
+    steering, chassis = drawn(5, len(side), largest=0.9), Chassis.of(rover, TRACK, 3.0)
+    angles = torch.tensor([[0.1, 0.1, 0.0]], dtype=torch.float64).expand(5, -1)  # left, right
+    hub, pivots = turned(chassis, angles)
+    level = chassis.level_stance()
+    stance = Stance(hub, level.normal.expand_as(hub), level.gap, pivots)
+    places = [
+        rover.wheels[k].axle + (0 if rover.wheels[k].side == "left" else rover.axles)
+        for k in wheel_order(rover)
+    ]
+    back = torch.argsort(torch.tensor(places))
+    known = chassis.balance_matrix(steering[:, back], stance)[:, :, places]
+    none = torch.zeros_like(steering)
+    found = wheel_balances(geometry, side, steering, none, joints_of(rover, 5, 0.1))[:, 0]
+    torch.testing.assert_close(found[:, :6], known[:, :6], rtol=0.0, atol=1e-9)
+    torch.testing.assert_close(found[:, 6], known[:, 6] + known[:, 7], rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ROVERS)
