@@ -55,6 +55,8 @@ class Waves:
 
 WAVES = 6
 """Number of waves of random ground."""
+EXTENT, PLACES = 10.0, 1000
+"""[m], Places in which random ground is measured."""
 WAVELENGTHS = (2.5, 9.0)
 """[m] Shortest and longest wavelength of random ground, as of the hills of profile.py."""
 
@@ -63,12 +65,12 @@ def random_waves(
     batch: int,
     steepest: float,
     generator: torch.Generator,
-    lengths: tuple[float, float] | None = None,
+    lengths: tuple[float, float] = WAVELENGTHS,
 ) -> Waves:
-    """Draw ground whose waves run anywhere, nowhere steeper than ``steepest`` [rad].
+    """Draw ground whose waves run anywhere.
 
-    Together their slopes take between 40 and 100 % of it. ``lengths`` [m] are the shortest and the
-    longest wavelength, WAVELENGTHS by default.
+    The steepest of PLACES places within EXTENT of the origin leans by 40 to 100 % of ``steepest``
+    [rad]. ``lengths`` [m] are the shortest and the longest wavelength.
     """
 
     def uniform(low: float, high: float, columns: int) -> Tensor:
@@ -77,8 +79,10 @@ def random_waves(
 
     share = uniform(0.2, 1.0, WAVES)
     slope = math.tan(steepest) * uniform(0.4, 1.0, 1)
-    amplitude = share / share.sum(-1, keepdim=True) * slope
-    number = 2.0 * math.pi / uniform(*(lengths or WAVELENGTHS), WAVES)
+    number = 2.0 * math.pi / uniform(*lengths, WAVES)
     direction = uniform(0.0, 2.0 * math.pi, WAVES)
     wave = number.unsqueeze(-1) * torch.stack([torch.cos(direction), torch.sin(direction)], -1)
-    return Waves(amplitude, wave, uniform(0.0, 2.0 * math.pi, WAVES))
+    drawn = Waves(share, wave, uniform(0.0, 2.0 * math.pi, WAVES))
+    places = uniform(-EXTENT, EXTENT, 2 * PLACES).view(batch, PLACES, 2)
+    found = drawn.shape(places)[1].norm(dim=-1).amax(1, keepdim=True)
+    return Waves(share * slope / found, wave, drawn.phase)

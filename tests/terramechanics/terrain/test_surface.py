@@ -30,13 +30,13 @@ def test_the_gradient_is_that_of_the_height() -> None:
         torch.testing.assert_close(gradient[..., axis], rise, rtol=0.0, atol=1e-9)
 
 
-def test_random_ground_leans_every_way_and_nowhere_more_than_asked() -> None:
-    _, gradient = random_waves(20, STEEPEST, torch.Generator().manual_seed(1)).shape(
-        places(20, 500)
-    )
-    steep = gradient.norm(dim=-1)
-    assert float(steep.max()) <= math.tan(STEEPEST)
-    assert bool((steep.amax(1) > 0.3 * math.tan(STEEPEST)).all())
+def test_random_ground_leans_every_way_and_at_most_about_as_asked() -> None:
+    ground = random_waves(20, STEEPEST, torch.Generator().manual_seed(1))
+    _, gradient = ground.shape(places(20, 500) - 10.0)
+    steep = gradient.norm(dim=-1).amax(1)
+    assert float(steep.max()) < 1.1 * math.tan(STEEPEST)
+    assert float(steep.max()) > 0.85 * math.tan(STEEPEST)
+    assert float(steep.min()) > 0.3 * math.tan(STEEPEST)
     along, across = gradient.square().mean((0, 1)).tolist()
     assert 0.7 < along / across < 1.4
 
