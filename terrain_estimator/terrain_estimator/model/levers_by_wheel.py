@@ -15,8 +15,16 @@ from terrain_estimator.model.packing import PackedView
 from terramechanics.vehicle.suspension import Geometry
 from terramechanics.vehicle.wheel_balances import bank_balances, wheel_balances
 
-LASTING = 3.0
-"""[1] Deviation that a bank counts with, over its own: it stays, and noise is new each time."""
+LASTING = 6.0
+"""[1] Deviation that a bank counts with, over its own: it stays, and noise is new each time.
+
+It is the root of the readings at 10 Hz in 3.6 s.
+"""
+STATED = 3.0
+"""[1] Deviation that is stated for supposed contact angles over the usual one, for the same reason.
+
+See docs/bring_your_own_sensors.md.
+"""
 
 
 def levers_by_wheel(
@@ -44,15 +52,17 @@ def levers_of_banks(
     side: Tensor,
     scale: Tensor,
     lasting: float = LASTING,
+    stated: float = STATED,
 ) -> Tensor:
     """Return the effect of N, T, M, Y in each row by one deviation of each bank [n, W, R, 4].
 
-    Arguments as of :func:`levers_by_wheel`. Contact angles count by what they have been seen to
-    vary beyond their noise in the block, and by their deviation where they are supposed.
+    Arguments as of :func:`levers_by_wheel`. Contact angles count by what they vary in the block
+    beyond their noise, and by their deviation, which is large where they are supposed.
     """
     angle, angle_sd = view.contact_angle, view.contact_angle_sd
     varied = (angle * angle - angle_sd * angle_sd).mean().clamp(min=0.0)
-    bank = torch.sqrt(lasting * lasting * varied + (angle_sd * angle_sd).mean(1))
+    supposed = (angle_sd * angle_sd).mean(1) / (stated * stated)
+    bank = lasting * torch.sqrt(varied + supposed)
     body = bank_balances(geometry, side, steering, _joint_angle(view, geometry))
     none = torch.zeros_like(body.narrow(1, 0, 1)).expand(-1, angle.shape[1], -1, -1)
     rows = _in_rows(body.unsqueeze(1), none.unsqueeze(1), scale).squeeze(1)
