@@ -5,12 +5,8 @@
 import copy
 from collections.abc import Iterator
 
-from rover_sim_node.config import FOLLOW, SimulatorConfig
-from rover_sim_node.messages import step_messages
-from rover_sim_node.turning_run import TurningRun
 from terrain_estimator.bags import Types
-from terrain_estimator.config.estimator import ConversionConfig, CoreConfig, EstimatorConfig
-from terrain_estimator.messaging.conversion import Converter
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.observation import Observation
@@ -53,30 +49,3 @@ def observations(model: LoadedModel, seconds: float, seed: int = 1) -> list[Obse
     )
     converted = (pipeline.convert(complete).observation for complete in sets)
     return [observation for observation in converted if observation is not None]
-
-
-TURNS = ((0.08, 0.0), (0.1, 0.04), (0.08, 0.0), (0.1, -0.04))
-"""[m/s], [rad/s] Commands of a drive in turns, one after the other."""
-INPUTS = ("wheel_slip", "wheel_sinkage", "odom", "joint_states", "imu")
-
-
-def turning_observations(model: LoadedModel, seconds: float) -> list[Observation]:
-    """Return the observations of a drive in turns over hills, all wheels steered."""
-    config = SimulatorConfig(
-        rover=model.rover.name, steering="all_wheels", schedule=FOLLOW, profile="hills"
-    )
-    run, found = TurningRun(config), []
-    core = CoreConfig().of_model(by_wheel=True)
-    converter = Converter(model.rover, ConversionConfig(), core, model.metadata.steered)
-    steps = round(10.0 * seconds)
-    for step in range(steps):
-        ahead, turn = TURNS[len(TURNS) * step // steps]
-        run.commands.request((ahead, 0.0, 0.0), (0.0, 0.0, turn))
-        reading = run.step()
-        stamp_ns = round(1e9 * reading.time)
-        messages = step_messages(reading, config, stamp_ns, 0)
-        inputs = tuple(messages[each] for each in INPUTS)
-        observation = converter.convert(stamp_ns, inputs).observation
-        if observation is not None:
-            found.append(observation)
-    return found

@@ -14,9 +14,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from benchmarks.drives import observations, turning_observations
+from benchmarks.drives import observations
 from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.numpy_training import Floats
+from rover_sim_node.config import FOLLOW, SimulatorConfig
+from rover_sim_node.turning_run import TurningRun
 from terrain_estimator.compiled.finding import load
 from terrain_estimator.compiled.folder import build_core, wide_flags, write_core
 from terrain_estimator.config.estimator import COMPILED, EstimatorConfig
@@ -31,7 +33,10 @@ from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Observation
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.vehicle.wheel_places import WheelPlaces
+from tests.turning_drives import turning_observations
 
+TURNS = ((0.08, 0.0), (0.1, 0.04), (0.08, 0.0), (0.1, -0.04))
+"""[m/s], [rad/s] Commands of a drive in turns, one after the other."""
 BY_WHEEL_US = 60.0
 MEDIAN_US, CLOSING_US, HIGH_US = 40.0, 300.0, 400.0
 SECONDS = 120.0
@@ -83,7 +88,13 @@ def by_wheel(effort: Effort) -> Iterator[BenchmarkLine]:
         reference, core = load_model(str(path)), Path(folder) / "core"
         write_core(path, core)
         build_core(core, path.with_suffix(".so"), *wide_flags())
-        seen = turning_observations(reference, effort.seconds(SECONDS, least=5.0))
+        run = TurningRun(
+            SimulatorConfig(
+                rover=rover.name, steering="all_wheels", schedule=FOLLOW, profile="hills"
+            )
+        )
+        seconds = effort.seconds(SECONDS, least=5.0) / len(TURNS)
+        seen = turning_observations(reference, run, TURNS, seconds)
         closes = closing(reference, seen)
         slow = _figures(microseconds(reference, seen), closes)
         quick = _figures(microseconds(load(str(path), COMPILED).model, seen), closes)

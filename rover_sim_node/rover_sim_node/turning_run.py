@@ -37,7 +37,7 @@ from terramechanics.terrain.soil import WONG_REECE
 from terramechanics.terrain.surface import Level, Surface, random_waves
 from terramechanics.vehicle.chassis import Chassis
 from terramechanics.vehicle.suspension import TerrainError
-from terramechanics.vehicle.wheel_places import box_inertia
+from terramechanics.vehicle.wheel_places import box_inertia, chassis_places
 
 LATERAL_SD, YAW_RATE_SD = 0.005, 0.003
 """[m/s], [rad/s] Deviations of the lateral velocity and of the gyroscope."""
@@ -82,11 +82,7 @@ class TurningRun:
             surface=_surface(config),
             effects=self._effects,
         )
-        # The chassis has the left wheels first, each side from front to rear.
-        self._places = [
-            wheel.axle + (0 if wheel.side == "left" else self.rover.axles)
-            for wheel in self.rover.wheels
-        ]
+        self._places = chassis_places(self.rover)
         self._noise, self._sensing = Noise(factor=config.noise), torch.Generator()
         self._sensing.manual_seed(2 * config.seed + 1)
         # of the accelerometers along x, y and z
@@ -163,7 +159,7 @@ class TurningRun:
             stuck=level[:, 0] > 0.0,
             standing=(rim.abs() <= SLOWEST).all(-1),
             slip=slip,
-            sinkage=body.sinkage[:, self._places].clamp(min=0.0),
+            sinkage=body.sinkage[:, self._places],
             contact=level,
             contact_angle=body.contact_angle[:, self._places],
             wheel_rate=rim / self.rover.wheel_radius,

@@ -6,18 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from studies import by_wheel, lateral
-from studies.by_wheel import (
-    BOUND_HEAD,
-    HEAD,
-    SKID,
-    Motion,
-    bound_lines,
-    information,
-    lines,
-    motions,
-    observed,
-)
+from studies import lateral
+from studies.by_wheel import bound
+from studies.by_wheel.bound import BOUND_HEAD, SKID, bound_lines, information
+from studies.by_wheel.drives import observed
+from studies.by_wheel.motions import HEAD, Motion, lines, motions
 from studies.off_plane import KINDS
 from terramechanics.vehicle.wheel_places import wheel_order
 
@@ -84,7 +77,7 @@ def test_more_that_is_unknown_widens_the_bound(monkeypatch: pytest.MonkeyPatch) 
     )
     assert (unknown >= known).all()
     assert (unknown[:, 0] > 1.01 * known[:, 0]).any()
-    monkeypatch.setattr(by_wheel, "TURNING", (0.6,))
+    monkeypatch.setattr(bound, "TURNING", (0.6,))
     ((turning, *found),) = bound_lines(drives=2)
     assert turning == "to 0.6 rad/s"
     assert len(found) == len(BOUND_HEAD) - 1

@@ -40,10 +40,11 @@ class SimulatedEffect(Effect):
         law = self._law(where.rover)
         if where.passes is None:
             return law.contact(contact, self._of(where), where.rate)
-        order, law.order = law.order, where.passes
-        changed = law.contact(contact, self._of(where), where.rate)
-        law.order = order
-        return changed
+        order, law.order = law.order, where.passes  # in a turn that is not the order of the axles
+        try:
+            return law.contact(contact, self._of(where), where.rate)
+        finally:
+            law.order = order
 
     @property
     def keeps_ruts(self) -> bool:

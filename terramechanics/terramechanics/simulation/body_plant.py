@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects on a rover that turns: each of its sides is to an effect what a planar rover is.
 
-Slips are those along the headings. What an effect does to traction and torque goes with the way in
-which the rim turns, and fades as it stops. A wheel has as many wheels before it as have rolled
-where it is, which a turn decides (``contact.tracks``).
+Slips are those along the headings. What an effect adds to the forces fades as the rim stops, and to
+traction and torque goes with the way in which it turns. A wheel has as many wheels before it as
+have rolled where it is, which a turn decides (``contact.tracks``).
 """
 
 import dataclasses
@@ -19,6 +19,7 @@ from terramechanics.simulation.plant import ContactInputs, Plant, Situation
 from terramechanics.simulation.sample import SLOWEST, Sample
 from terramechanics.vehicle.chassis import Chassis
 from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.wheel_places import chassis_places
 
 FASTEST_SLIP = 1.0
 """[1] Bound of the slip that effects see: a rim may all but stop while its hub moves on."""
@@ -149,16 +150,14 @@ class BodyPlant:
 
         Its shapes are [batch, ...] or [batch, times, ...].
         """
-        wheels = self._rover.wheels
-        order = sorted(range(len(wheels)), key=lambda k: (wheels[k].side, wheels[k].axle))
-        back = sorted(range(len(order)), key=order.__getitem__)
-        sides = len(wheels) // self._rover.axles
+        places = torch.tensor(chassis_places(self._rover))
+        order, sides = torch.argsort(places), len(places) // self._rover.axles
         time = sample.time.dim()
 
         def by_side(value: Tensor) -> Tensor:
             if value.dim() == time:
                 return value.repeat_interleave(sides, 0)
-            chosen = value.index_select(time, torch.tensor(order))
+            chosen = value.index_select(time, order)
             before, behind = value.shape[:time], value.shape[time + 1 :]
             parts = chosen.reshape(*before, sides, -1, *behind)
             return parts.movedim(time, 1).flatten(0, 1)
@@ -168,7 +167,7 @@ class BodyPlant:
             if value.dim() == time:
                 return both[:, 0]
             chosen = both.movedim(1, time).flatten(time, time + 1)
-            return chosen.index_select(time, torch.tensor(back))
+            return chosen.index_select(time, places)
 
         names = [field.name for field in dataclasses.fields(Sample)]
         seen = self.plant.sensed(Sample(**{name: by_side(getattr(sample, name)) for name in names}))

@@ -68,10 +68,15 @@ class BodySample:
     joints: Tensor  # [batch, J] [rad] angles of the passive joints, nose-up
     along: Tensor  # [batch, wheels] velocity of the hub along its heading [m/s]
     across: Tensor  # [batch, wheels] and to the left of it [m/s]
-    sinkage: Tensor  # [batch, wheels] [m], negative below a wheel that is lifted
+    depth: Tensor  # [batch, wheels] [m] in the ground, negative where a wheel is lifted
     forces: Tensor  # [batch, wheels, 4] N, T [N], M [N m], Y [N] of each wheel
     torque: Tensor  # [batch, wheels] [N m] drive torque: M + wheel_inertia dw/dt
     solved: Tensor  # [batch] bool: the balances have been solved
+
+    @property
+    def sinkage(self) -> Tensor:
+        """Sinkage [batch, wheels] [m], zero where a wheel is lifted."""
+        return self.depth.clamp(min=0.0)
 
     @property
     def slip(self) -> Tensor:
@@ -127,7 +132,7 @@ class BodySimulation:
         self.position = torch.zeros(batch, 2, dtype=torch.float64)
         self.velocity = torch.zeros(batch, 3, dtype=torch.float64)
         self.rim = torch.zeros(wheels, dtype=torch.float64)
-        self._sinkage = torch.full(wheels, 0.1 * chassis.wheel_radius, dtype=torch.float64)
+        self._depth = torch.full(wheels, 0.1 * chassis.wheel_radius, dtype=torch.float64)
         self._surface: Surface = surface or Level()
         self._attitude = Attitude.flat(chassis, self.position)
         self._gravity = self.plane.gravity(chassis.gravity)
@@ -145,7 +150,7 @@ class BodySimulation:
         effects = self._acting(rim)
         contacts = self._contacts(rim, steering, guess, LONG_STEP, effects, steady=True)
         self.velocity, self.rim = contacts.velocity, rim
-        self._sinkage = contacts.sinkage
+        self._depth = contacts.depth
         return contacts
 
     def step(self, rim: Tensor, steering: Tensor) -> BodySample:
@@ -161,7 +166,7 @@ class BodySimulation:
         if effects is not None:
             torque = torque + effects.friction()
             self._tracks.remember(self._wheel_places())
-        self.velocity, self.rim, self._sinkage = contacts.velocity, rim, contacts.sinkage
+        self.velocity, self.rim, self._depth = contacts.velocity, rim, contacts.depth
         return BodySample(
             time=torch.full_like(self.heading, self.steps * self.time_step),
             position=self.position,
@@ -174,7 +179,7 @@ class BodySimulation:
             joints=self._attitude.joints,
             along=contacts.motion.along,
             across=contacts.motion.across,
-            sinkage=contacts.sinkage,
+            depth=contacts.depth,
             forces=contacts.forces,
             torque=torque,
             solved=contacts.solved,
@@ -242,4 +247,4 @@ class BodySimulation:
             stance=self._stance,
             effects=effects,
         )
-        return solve_body(step, self._sinkage, guess)
+        return solve_body(step, self._depth, guess)

@@ -44,7 +44,7 @@ class BodyContacts:
     """Contacts of the wheels in one step [batch, wheels], and where they are ``solved`` [batch]."""
 
     motion: WheelMotion
-    sinkage: Tensor  # [m], negative below a wheel that is lifted
+    depth: Tensor  # [m] in the ground, negative where a wheel is lifted
     forces: Tensor  # [batch, wheels, 4] N, T [N], M [N m], Y [N] of each wheel
     velocity: Tensor  # [batch, 3] v_x, v_y [m/s] and yaw rate [rad/s] at the end of the step
     solved: Tensor
@@ -279,17 +279,17 @@ def _scale(chassis: Chassis) -> Tensor:
     )
 
 
-def solve_body(step: BodyStep, sinkage: Tensor, velocity: Tensor) -> BodyContacts:
-    """Solve the contacts from ``sinkage`` [batch, wheels] [m] and ``velocity`` [batch, 3].
+def solve_body(step: BodyStep, start: Tensor, velocity: Tensor) -> BodyContacts:
+    """Solve the contacts from depths ``start`` [batch, wheels] [m] and ``velocity`` [batch, 3].
 
     Where there is no solution, ``solved`` is false and the contacts are the last ones tried.
     """
     limits = step.limits()
-    depth, end, solved = _solved(step, quasi_newton, sinkage, velocity, limits)
+    depth, end, solved = _solved(step, quasi_newton, start, velocity, limits)
     left = (~solved).nonzero().squeeze(-1)
     if left.numel() > 0:
         depth[left], end[left], solved[left] = _approached(
-            step.rows(left), sinkage[left], velocity[left], limits
+            step.rows(left), start[left], velocity[left], limits
         )
     motion = step.motion(end)
     sunk = step.sinkage(depth)
@@ -297,21 +297,21 @@ def solve_body(step: BodyStep, sinkage: Tensor, velocity: Tensor) -> BodyContact
 
 
 def _solved(
-    step: BodyStep, method: Method, sinkage: Tensor, velocity: Tensor, limits: tuple[Tensor, Tensor]
+    step: BodyStep, method: Method, depth: Tensor, velocity: Tensor, limits: tuple[Tensor, Tensor]
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Return sinkage, velocity and whether they are a solution, by one of the methods of roots."""
+    """Return depth, velocity and whether they are a solution, by one of the methods of roots."""
     wheels, units = step.chassis.wheels, step.units
     unknown, solved = method(
         lambda u, rows: step.rows(rows).residual(u),
         lambda u, rows: step.rows(rows).jacobian(u),
-        torch.cat([step.unknown_of(sinkage), velocity / units], -1),
+        torch.cat([step.unknown_of(depth), velocity / units], -1),
         limits,
     )
     return step.depth(unknown[:, :wheels]), unknown[:, wheels:] * units, solved
 
 
 def _approached(
-    step: BodyStep, sinkage: Tensor, velocity: Tensor, limits: tuple[Tensor, Tensor]
+    step: BodyStep, start: Tensor, velocity: Tensor, limits: tuple[Tensor, Tensor]
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Solve step by step, as :func:`_solved`: friction goes through zero ever more steeply.
 
@@ -320,13 +320,13 @@ def _approached(
     others. Where it fails from the last velocity, as after a sudden command to back out, it
     starts from wheels that roll, and from rest.
     """
-    depth, end = sinkage.clone(), velocity.clone()
+    depth, end = start.clone(), velocity.clone()
     solved = torch.zeros_like(velocity[:, 0], dtype=torch.bool)
     for guess in (velocity, step.rolling(), torch.zeros_like(velocity)):
         left = (~solved).nonzero().squeeze(-1)
         if left.numel() == 0:
             break
-        deep, fast, part = sinkage[left], guess[left], step.rows(left)
+        deep, fast, part = start[left], guess[left], step.rows(left)
         for factor in SOFTER:
             softer = part.softer(factor)
             deep, fast, found = _solved(softer, damped_newton, deep, fast, limits)

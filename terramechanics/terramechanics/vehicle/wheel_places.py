@@ -73,6 +73,14 @@ def wheel_order(rover: Rover) -> tuple[int, ...]:
     )
 
 
+def chassis_places(rover: Rover) -> list[int]:
+    """Return where each wheel of the rover file stands in the order of a Chassis.
+
+    That has the left wheels first, each side from front to rear.
+    """
+    return [wheel.axle + (0 if wheel.side == "left" else rover.axles) for wheel in rover.wheels]
+
+
 def box_inertia(rover: Rover, track_width: float) -> float:
     """Return the yaw inertia [kg m^2] of the mass spread evenly between the wheels."""
     length = rover.axle_x[0] - rover.axle_x[-1]

@@ -14,7 +14,6 @@ from torch import Tensor
 
 from rover_parameters.records import ConfigError
 from rover_sim_node.config import FOLLOW, SimulatorConfig
-from rover_sim_node.messages import step_messages
 from rover_sim_node.turning_run import TurningRun
 from terrain_estimator.config.estimator import ConversionConfig, CoreConfig, EstimatorConfig
 from terrain_estimator.estimator.estimator import Estimator
@@ -25,7 +24,7 @@ from terrain_estimator.learning.by_wheel import build_model_by_wheel
 from terrain_estimator.learning.export import export
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.messaging.averaging import Averager, averaged
-from terrain_estimator.messaging.conversion import Conversion, Converter
+from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import warm_up
 from terrain_estimator.model.block import BlockRows
 from terrain_estimator.model.loaded import LoadedModel
@@ -40,11 +39,10 @@ from terrain_estimator.update import Update
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.wheel_places import WheelPlaces
+from tests.turning_drives import Twist, turning_observations
 
 LOOSE = load_soil("loose_sand")
-INPUTS = ("wheel_slip", "wheel_sinkage", "odom", "joint_states", "imu")
 TRACK = {"four_wheel_rover": 0.57, "mars_rover": 1.0}
-Twist = tuple[float, float]  # v_x [m/s], yaw rate [rad/s]
 SKID: tuple[Twist, ...] = ((0.2, 0.0), (0.25, 0.4), (0.2, 0.0), (0.25, -0.4))
 STEERED: tuple[Twist, ...] = ((0.08, 0.0), (0.1, 0.04), (0.08, 0.0), (0.1, -0.04))
 
@@ -103,33 +101,22 @@ def observations(
         cross_slope=lean,
         profile=profile,
     )
-    run, found = TurningRun(config), []
+    run = TurningRun(config)
     chassis = run._simulation.chassis
     x, y, height = chassis.centre
     moved = (x + shift[0], y + shift[1], height)
     run._simulation.chassis = dataclasses.replace(
         chassis, centre=moved, mass=(1.0 + mass) * chassis.mass
     )
-    core = CoreConfig().of_model(by_wheel=True)
-    converter = Converter(model.rover, ConversionConfig(), core, model.metadata.steered)
-    for ahead, turn in twists:
-        for _ in range(round(10.0 * seconds)):
-            run.commands.request((ahead, 0.0, 0.0), (0.0, 0.0, turn))
-            reading = run.step()
-            stamp_ns = round(1e9 * reading.time)
-            messages = step_messages(reading, config, stamp_ns, 0)
-            one = converter.convert(stamp_ns, tuple(messages[each] for each in INPUTS)).observation
-            assert one is not None
-            # the simulator has its sensors where the rover file has the centre of mass
-            aside, along = shift[0] * one.yaw_rate, shift[1] * one.yaw_rate
-            found.append(
-                dataclasses.replace(
-                    one,
-                    lateral_velocity=one.lateral_velocity - aside,
-                    velocity=one.velocity + along,
-                )
-            )
-    return found
+    # the simulator has its sensors where the rover file has the centre of mass
+    return [
+        dataclasses.replace(
+            one,
+            lateral_velocity=one.lateral_velocity - shift[0] * one.yaw_rate,
+            velocity=one.velocity + shift[1] * one.yaw_rate,
+        )
+        for one in turning_observations(model, run, twists, seconds)
+    ]
 
 
 def driven(model: LoadedModel, observed: Sequence[Observation]) -> list[Update]:

@@ -28,7 +28,6 @@ from tests.terrain_estimator.model.test_by_wheel import (  # noqa: F401 (fixture
     LOOSE,
     SKID,
     STEERED,
-    Twist,
     exact,
     observations,
     packed,
@@ -36,6 +35,7 @@ from tests.terrain_estimator.model.test_by_wheel import (  # noqa: F401 (fixture
     skid,
     steered,
 )
+from tests.turning_drives import Twist
 
 WITHOUT = CoreConfig(use_sinkage=False)
 TRUTH = torch.tensor([LOOSE.cohesion / 1e3, LOOSE.tan_phi], dtype=torch.float64)

@@ -23,6 +23,7 @@ from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.profile import Flat
 from terramechanics.vehicle.chassis import Chassis
 from terramechanics.vehicle.steering import skid_command
+from terramechanics.vehicle.wheel_places import chassis_places
 
 ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")
 SIX = Chassis.of(ROVER, track=1.0, yaw_inertia=40.0)
@@ -181,11 +182,7 @@ def test_sensors_of_each_side_report_as_those_of_a_planar_rover() -> None:
     effect = EFFECTS["odometry_scale"].acting(torch.tensor([[0.05, 0.5]], dtype=torch.float64))
     plant = BodyPlant(Plant([effect]), FOUR_ROVER)
     last = driven(plant, (0.2, 0.0, 0.4), 10)
-    places = [
-        wheel.axle + (0 if wheel.side == "left" else FOUR_ROVER.axles)
-        for wheel in FOUR_ROVER.wheels
-    ]
-    before = sample_of(last, places)
+    before = sample_of(last, chassis_places(FOUR_ROVER))
     after = plant.sensed(before)
     error = torch.tensor([0.05 * (1.0 + 0.5 * (w.axle - 0.5)) for w in FOUR_ROVER.wheels])
     expected = (before.slip + error.double()) / (1.0 + error.double())

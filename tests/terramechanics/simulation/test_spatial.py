@@ -144,7 +144,7 @@ def test_a_rigid_body_on_bumps_lifts_wheels_and_rests_on_the_others() -> None:
     for _ in range(40):
         sample = body.step(*skid_command(FOUR, twist))
         assert bool(sample.solved.all())
-        normal, up = sample.forces[..., 0], sample.sinkage < 0.0
+        normal, up = sample.forces[..., 0], sample.depth < 0.0
         lifted.append(up)
         assert bool((normal > -1e-12 * FOUR.weight).all())
         assert bool((normal[up] < 1e-5 * FOUR.weight).all())

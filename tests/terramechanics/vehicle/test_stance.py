@@ -15,7 +15,7 @@ from terramechanics.vehicle.chassis import Chassis, Stance
 from terramechanics.vehicle.stance import Attitude, rotation, solve_stance, turned
 from terramechanics.vehicle.suspension import TerrainError, level_pose, solve_pose
 from terramechanics.vehicle.wheel_balances import bank_balances, geometry_by_wheel
-from terramechanics.vehicle.wheel_places import wheel_order
+from terramechanics.vehicle.wheel_places import chassis_places, wheel_order
 
 ROVERS = ("four_wheel_rover", "mars_rover")
 
@@ -140,10 +140,8 @@ def test_the_estimators_bank_is_the_leaning_of_the_chassis(name: str) -> None:
     rover, chassis, small = load_rover(name), chassis_of(name), 1e-6
     geometry, side = geometry_by_wheel(rover, 0.8)
     steering = drawn(len(side), largest=0.9)
-    places = [
-        rover.wheels[k].axle + (0 if rover.wheels[k].side == "left" else rover.axles)
-        for k in wheel_order(rover)
-    ]
+    in_chassis = chassis_places(rover)
+    places = [in_chassis[k] for k in wheel_order(rover)]
     back = torch.argsort(torch.tensor(places))
     level = chassis.level_stance()
     left = torch.stack([-torch.sin(steering), torch.cos(steering)], -1)[back]

@@ -19,7 +19,12 @@ from terramechanics.vehicle.wheel_balances import (
     motion_across,
     wheel_balances,
 )
-from terramechanics.vehicle.wheel_places import WheelPlaces, box_inertia, wheel_order
+from terramechanics.vehicle.wheel_places import (
+    WheelPlaces,
+    box_inertia,
+    chassis_places,
+    wheel_order,
+)
 
 ROVERS = ("four_wheel_rover", "mars_rover")
 TRACK = 0.8
@@ -41,11 +46,8 @@ def test_on_a_plane_they_are_those_of_the_chassis_that_turns(name: str) -> None:
     steering = drawn(5, len(side), largest=0.9)
     level = torch.zeros_like(steering)
     found = wheel_balances(geometry, side, steering, level, joints_of(rover, 5, 0.0))[:, 0]
-    # the chassis has the left wheels first, each side from front to rear
-    places = [
-        rover.wheels[k].axle + (0 if rover.wheels[k].side == "left" else rover.axles)
-        for k in wheel_order(rover)
-    ]
+    in_chassis = chassis_places(rover)
+    places = [in_chassis[k] for k in wheel_order(rover)]
     back = torch.argsort(torch.tensor(places))
     known = Chassis.of(rover, TRACK, 3.0).balance_matrix(steering[:, back])[:, :, places]
     torch.testing.assert_close(found[:, :6], known[:, :6], rtol=0.0, atol=1e-9)
@@ -61,10 +63,8 @@ def test_with_turned_bogies_they_are_those_of_the_chassis_on_that_stance() -> No
     hub, pivots = turned(chassis, angles)
     level = chassis.level_stance()
     stance = Stance(hub, level.normal.expand_as(hub), level.gap, pivots)
-    places = [
-        rover.wheels[k].axle + (0 if rover.wheels[k].side == "left" else rover.axles)
-        for k in wheel_order(rover)
-    ]
+    in_chassis = chassis_places(rover)
+    places = [in_chassis[k] for k in wheel_order(rover)]
     back = torch.argsort(torch.tensor(places))
     known = chassis.balance_matrix(steering[:, back], stance)[:, :, places]
     none = torch.zeros_like(steering)
