@@ -9,9 +9,7 @@ import torch
 from studies.by_wheel.bound import BOUND_HEAD, bound_lines
 from studies.by_wheel.motions import HEAD, HIDDEN, TYPICAL, lines, motions
 from studies.command import study_parser
-from studies.off_plane import (
-    KINDS,
-)
+from studies.off_plane import KINDS
 from studies.tables import table
 
 

@@ -13,11 +13,7 @@ from torch import Tensor
 
 from studies import lateral
 from studies.by_wheel.drives import SEED, ended, model_by_wheel, observed
-from studies.off_plane import (
-    LATERAL_SD,
-    SOIL,
-    YAW_RATE_SD,
-)
+from studies.off_plane import LATERAL_SD, SOIL, YAW_RATE_SD
 from terrain_estimator.learning.by_wheel import ROLL_BIAS_SD
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terramechanics.contact.rolling import WheelMotion

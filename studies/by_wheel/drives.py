@@ -12,11 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from studies.observations import observations_of
-from studies.off_plane import (
-    LATERAL_SD,
-    SOIL,
-    YAW_RATE_SD,
-)
+from studies.off_plane import LATERAL_SD, SOIL, YAW_RATE_SD
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.by_wheel import build_model_by_wheel

@@ -107,10 +107,16 @@ class BodyPlant:
         Raises ConfigError for what is not simulated: a mass or a force on the body that differs
         from rover to rover, ruts by another law.
         """
-        self.plant.begin(self._rover, batch)
+        unloaded = dataclasses.replace(
+            self._rover,
+            mass=chassis.mass,
+            centre_of_mass_x=chassis.centre[0],
+            centre_of_mass_height=chassis.centre[2],
+        )
         none = torch.zeros(batch, self._rover.axles, dtype=torch.float64)
-        where = Situation(self._rover, 0.0, torch.arange(batch), none, none, none[:, 0])
+        where = Situation(unloaded, 0.0, torch.arange(batch), none, none, none[:, 0])
         body = self.plant.body(where)
+        self.plant.begin(self._rover, batch)
         parts = [
             torch.as_tensor(value, dtype=torch.float64).flatten()
             for value in (body.mass, body.x, body.height)

@@ -236,6 +236,15 @@ def test_what_is_not_simulated_is_refused(effect: Effect) -> None:
         body(FOUR, BodyPlant(Plant([effect]), FOUR_ROVER), batch=2)
 
 
+def test_a_payload_is_added_to_the_chassis_as_it_is() -> None:
+    """Not to that of the rover file: the centre of mass has been moved, and more mass is there."""
+    shifted = dataclasses.replace(FOUR, mass=60.0, centre=(0.02, -0.01, 0.3))
+    loaded = body(shifted, BodyPlant(Plant([effect_of("payload", 5.0)]), FOUR_ROVER)).chassis
+    assert (loaded.mass, *loaded.centre) == pytest.approx((65.0, 0.02, -0.01, 0.3))
+    plain = body(shifted, BodyPlant(Plant([effect_of("grousers", 5.0)]), FOUR_ROVER)).chassis
+    assert (plain.mass, *plain.centre) == pytest.approx((60.0, 0.02, -0.01, 0.3))
+
+
 @pytest.mark.parametrize("size", [-50.0, -80.0])
 def test_a_payload_that_leaves_no_mass_is_refused_by_name(size: float) -> None:
     plant = BodyPlant(Plant([effect_of("payload", size)]), FOUR_ROVER)
