@@ -22,6 +22,7 @@ WHEEL_SIGNALS = {
     "contact_angle": "angle",
     "wheel_rate": "wheel rate",
     "torque": "torque",
+    "steering": "angle",
 }
 """Signals with a column for each wheel, and their quantity."""
 BODY_SIGNALS = {
@@ -67,6 +68,7 @@ class WheelColumns:
     contact_angle: str = ""
     wheel_rate: str = ""
     torque: str = ""
+    steering: str = ""
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,7 @@ class Mapping:
     contact_angle: WheelSignal = _NO_WHEEL_SIGNAL
     wheel_rate: WheelSignal = _NO_WHEEL_SIGNAL
     torque: WheelSignal = _NO_WHEEL_SIGNAL
+    steering: WheelSignal = _NO_WHEEL_SIGNAL
     velocity: BodySignal = _NO_BODY_SIGNAL
     pitch: BodySignal = _NO_BODY_SIGNAL
     acceleration: BodySignal = _NO_BODY_SIGNAL

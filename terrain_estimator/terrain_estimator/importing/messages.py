@@ -18,8 +18,11 @@ from terrain_estimator.topics import (
     PITCH_IN_POSE,
     YAW_IN_TWIST,
 )
+from terramechanics.description.layout import STEERING_SUFFIX
 
 UNKNOWN = -1.0  # variance of what was not measured; in sensor_msgs/Imu the first element
+
+_OF_JOINTS = ("wheel_rate", "torque", "bogie_angle", "steering")
 
 BOGIE = "bogie"
 """Name of the bogie's joint, the default of the estimator's parameter bogie_joint."""
@@ -45,7 +48,7 @@ class SampleWriter:
             "wheel_sinkage": self._sinkage,
             "odom": self._odom,
         }
-        if any(self.mapping.measures(signal) for signal in ("wheel_rate", "torque", "bogie_angle")):
+        if any(self.mapping.measures(signal) for signal in _OF_JOINTS):
             builders["joint_states"] = self._joints
         if any(self.mapping.measures(signal) for signal in ("pitch", "acceleration")):
             builders["imu"] = self._imu
@@ -101,13 +104,16 @@ class SampleWriter:
         return odom
 
     def _joints(self, sample: TableSample) -> Message:
-        bogie = self.mapping.measures("bogie_angle")
-        unknown = [math.nan] * bogie
+        angles = {BOGIE: sample.bogie_angle} if self.mapping.measures("bogie_angle") else {}
+        for wheel, angle in zip(self.mapping.wheels, sample.steering, strict=False):
+            if wheel.steering:
+                angles[f"{wheel.name}{STEERING_SUFFIX}"] = angle
+        unknown = [math.nan] * len(angles)
         return self.writer.types.make(
             INPUT_TYPES["joint_states"],
             header=self._header(sample, ""),
-            name=[*(wheel.name for wheel in self.mapping.wheels), *[BOGIE] * bogie],
-            position=[*[math.nan] * len(self.mapping.wheels), sample.bogie_angle] if bogie else [],
+            name=[*(wheel.name for wheel in self.mapping.wheels), *angles],
+            position=[*[math.nan] * len(self.mapping.wheels), *angles.values()] if angles else [],
             velocity=[*sample.wheel_rate, *unknown] if self.mapping.measures("wheel_rate") else [],
             effort=[*sample.torque, *unknown] if self.mapping.measures("torque") else [],
         )

@@ -24,6 +24,7 @@ FEWEST = 5
 _SLOWEST_RIM = 0.01  # [m/s] of a wheel that turns
 _SAME = 1.3  # [1] ratio up to which two velocities agree with a factor between units
 _DIFFERENT = 2.5  # [1] ratio from which they contradict each other
+_TURNING = 0.2  # [1] of the velocity, with which an axle moves aside in a turn
 _STRONGEST = 15.0  # [1] torque over that of a wheel that pulls 0.3 of its load
 
 
@@ -72,6 +73,7 @@ def limits(rover: Rover) -> dict[str, _Limit]:
         "lateral_velocity": _Limit(100.0, "above 100 m/s"),
         "yaw_rate": _Limit(2.0 * math.pi, "more than a turn in a second"),
         "bogie_angle": _Limit(quarter, "further than a bogie turns"),
+        "steering": _Limit(math.pi, "more than half a turn"),
         "wheel_rate": _Limit(100.0 / rover.wheel_radius, "a rim of more than 100 m/s"),
         "velocity": _Limit(100.0, "above 100 m/s"),
         "torque": _Limit(
@@ -114,7 +116,7 @@ class Plausibility:
             yield from self._contradiction(ratio)
 
     def _values(self, sample: TableSample) -> Iterator[tuple[str, str, float]]:
-        for signal in WHEEL_SIGNALS:
+        for signal in filter(self.mapping.measures, WHEEL_SIGNALS):
             values = getattr(sample, signal)
             for column, value in zip(self.mapping.columns(signal), values, strict=True):
                 if column:
@@ -125,7 +127,13 @@ class Plausibility:
                 yield signal, column, _number(getattr(sample, signal))
 
     def _compare(self, sample: TableSample) -> None:
-        """Compare the velocity with that of each wheel that turns, r w (1 - i)."""
+        """Compare the velocity with that of each wheel that turns, r w (1 - i).
+
+        Hubs move otherwise than the body where the rover turns.
+        """
+        reach = self.rover.axle_x[0] - self.rover.axle_x[-1]
+        if abs(sample.yaw_rate.value) * reach > _TURNING * abs(sample.velocity.value):
+            return
         for rate, slip in zip(sample.wheel_rate, sample.slip, strict=True):
             rim = rate * self.rover.wheel_radius
             if not abs(rim) >= _SLOWEST_RIM or not slip.value < 1.0:

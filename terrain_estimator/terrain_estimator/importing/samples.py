@@ -48,6 +48,7 @@ class TableSample:
     roll: float = math.nan  # [rad] of body y above the horizon, left side up
     lateral_velocity: MeasuredValue = NOTHING  # [m/s] to the left
     yaw_rate: MeasuredValue = NOTHING  # [rad/s] to the left
+    steering: tuple[float, ...] = ()  # [rad] to the left; none where the file has no such column
 
 
 def read_samples(path: Path, mapping: Mapping) -> Iterator[TableSample]:
@@ -149,6 +150,9 @@ class _Rows:
             self._body("roll", "angle").value,
             self._body("lateral_velocity", "velocity"),
             self._body("yaw_rate", "yaw rate"),
+            tuple(entry.value for entry in self._wheels("steering", "angle"))
+            if mapping.measures("steering")
+            else (),
         )
 
     def _contact_angles(self, pitch: MeasuredValue) -> list[MeasuredValue]:

@@ -20,7 +20,7 @@ from terrain_estimator.bags.writing.part import BagTopic
 from terrain_estimator.cli.csv_to_bag import main
 from terrain_estimator.console.interrupting import INTERRUPTED
 from terrain_estimator.importing.samples import MeasuredValue, slip_from_max_normalised
-from terrain_estimator.messaging.conversion import nose_up_pitch, roll_left_up
+from terrain_estimator.messaging.conversion import nose_up_pitch
 from tests.terrain_estimator.cli.csv_files import HEADER, ROVER, ROWS, mapping, messages, run
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
@@ -62,36 +62,6 @@ def test_every_signal_arrives_in_si_units(tmp_path: Path) -> None:
     assert imu.orientation_covariance[4] == pytest.approx(math.radians(0.5) ** 2)
     assert nose_up_pitch(imu.orientation) == pytest.approx(-math.radians(2.0))
     assert nose_up_pitch(odom.pose.pose.orientation) == pytest.approx(-math.radians(2.0))
-
-
-def test_roll_lateral_velocity_and_yaw_rate_arrive_beside_the_pitch(tmp_path: Path) -> None:
-    signals = {
-        "roll": {"column": "roll", "unit": "deg"},
-        "lateral_velocity": {"column": "left", "unit": "cm/s", "noise": {"absolute": 0.1}},
-        "yaw_rate": {"column": "turn", "unit": "deg/s", "noise": {"relative": 0.1}},
-    }
-    lines = [f"{HEADER},roll,left,turn", f"{ROWS[0]},-12,0.5,-3", f"{ROWS[1]},,,"]
-    assert run(tmp_path, mapping(**signals), lines) == 0
-    first, second = messages(tmp_path / "bag", "/odom")
-    imu = messages(tmp_path / "bag", "/imu")[0]
-    for orientation in (first.pose.pose.orientation, imu.orientation):
-        assert roll_left_up(orientation) == pytest.approx(-math.radians(12.0))
-        assert nose_up_pitch(orientation) == pytest.approx(-math.radians(2.0))
-    assert first.twist.twist.linear.y == pytest.approx(0.005)
-    assert first.twist.covariance[7] == pytest.approx(0.001**2)
-    assert first.twist.twist.angular.z == pytest.approx(-math.radians(3.0))
-    assert first.twist.covariance[35] == pytest.approx(math.radians(0.3) ** 2)
-    assert roll_left_up(second.pose.pose.orientation) == 0.0
-    assert (second.twist.twist.linear.y, second.twist.twist.angular.z) == (0.0, 0.0)
-    assert (second.twist.covariance[7], second.twist.covariance[35]) == (-1.0, -1.0)
-
-
-def test_a_lateral_velocity_needs_its_noise(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    content = mapping(lateral_velocity={"column": "v", "unit": "m/s"})
-    assert run(tmp_path, content) == 2
-    assert "lateral_velocity" in capsys.readouterr().err
 
 
 def test_an_empty_cell_is_a_value_that_was_not_measured(tmp_path: Path) -> None:
