@@ -43,7 +43,7 @@ from terramechanics.simulation.sample import TIME_STEP, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.spatial import BodySample, BodySimulation, Plane
 from terramechanics.terrain.ground import Ground
-from terramechanics.terrain.surface import Surface
+from terramechanics.terrain.surface import WAVELENGTHS, Surface, random_waves
 from terramechanics.vehicle.chassis import Chassis
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.steering import skid_command, steered_command
@@ -73,6 +73,11 @@ KINDS = (
 )
 LEANS = (2.0, 3.0, 4.0, 6.0, 10.0, 15.0)
 """[deg] of a slope across which the rover drives."""
+STEEP = 5.0
+"""[deg] Steepest slope of hills and bumps."""
+BUMPS = (0.8, 3.0)
+"""[m] Shortest and longest waves of bumps: as long as the rovers."""
+Waves = tuple[float, float]
 
 
 class Judged(NamedTuple):
@@ -87,12 +92,19 @@ class Judged(NamedTuple):
 
 
 def drives(
-    kind: Kind, yaw_rate: float, lean: float, samples: int = SAMPLES
+    kind: Kind, yaw_rate: float, lean: float, samples: int = SAMPLES, waves: Waves | None = None
 ) -> tuple[list[list[Observation]], Floats]:
-    """Return the observations of each drive, and the true strength [drives, 2]."""
+    """Return the observations of each drive, and the true strength [drives, 2].
+
+    ``waves`` are the shortest and the longest of uneven ground [m].
+    """
     generator = torch.Generator().manual_seed(SEED)
-    constants = SOIL.constants().expand(DRIVES, 6)
-    driven, strength = simulated(kind, yaw_rate, lean, samples, constants, generator)
+    constants, surface = SOIL.constants().expand(DRIVES, 6), None
+    if waves is not None:
+        surface = random_waves(DRIVES, math.radians(STEEP), generator, waves)
+    driven, strength = simulated(
+        kind, yaw_rate, lean, samples, constants, generator, surface=surface
+    )
     return _observed(load_rover(kind.rover), driven, strength, generator), strength.numpy()
 
 
@@ -186,6 +198,7 @@ def _planar(rover: Rover, driven: Sequence[BodySample], strength: Tensor) -> Sam
     before = torch.cat([torch.zeros_like(velocity[:, :1]), velocity[:, :-1]], 1)
     slip, place = axles(stacked("slip")), stacked("position")[..., 0]
     level, never = torch.zeros_like(velocity), torch.zeros_like(velocity, dtype=torch.bool)
+    bogies = 2 * len(rover.suspension)  # left and right, before the differential
     normal, traction, ground_torque = (axles(forces[..., k]) for k in range(3))
     return Sample(
         time=stacked("time"),
@@ -194,13 +207,13 @@ def _planar(rover: Rover, driven: Sequence[BodySample], strength: Tensor) -> Sam
         velocity=velocity,
         acceleration=(velocity - before) / TIME_STEP,
         pitch=stacked("pitch"),
-        bogie_angle=level,
+        bogie_angle=stacked("joints")[..., :bogies].mean(-1) if bogies else level,
         stuck=never,
         standing=never,
         slip=slip,
         sinkage=axles(stacked("sinkage")),
         contact=place.unsqueeze(-1).expand_as(slip),
-        contact_angle=torch.zeros_like(slip),
+        contact_angle=axles(stacked("contact_angle")),
         wheel_rate=axles(stacked("rim")) / rover.wheel_radius,
         torque=axles(stacked("torque")),
         normal=normal,
@@ -258,11 +271,15 @@ def lines(kind: Kind) -> Iterator[tuple[str, ...]]:
     free = CoreConfig(roll_limit=0.0, turn_limit=0.0)
     with tempfile.TemporaryDirectory() as folder:
         model = physics_model(load_rover(kind.rover), SOIL, Path(folder) / "model.pt")
-    motions = [("straight, level", 0.0, 0.0)]
-    motions += [(f"{each:g} rad/s commanded", each, 0.0) for each in kind.yaw_rates]
-    motions += [(f"across {lean:g}°", 0.0, lean) for lean in LEANS]
-    for words, yaw_rate, lean in motions:
-        found, strength = drives(kind, yaw_rate, lean)
+    motions: list[tuple[str, float, float, Waves | None]] = [
+        ("straight, level", 0.0, 0.0, None),
+        *((f"{each:g} rad/s commanded", each, 0.0, None) for each in kind.yaw_rates),
+        *((f"across {lean:g}°", 0.0, lean, None) for lean in LEANS),
+        (f"straight, hills of {STEEP:g}°", 0.0, 0.0, WAVELENGTHS),
+        (f"straight, bumps of {STEEP:g}°", 0.0, 0.0, BUMPS),
+    ]
+    for words, yaw_rate, lean, waves in motions:
+        found, strength = drives(kind, yaw_rate, lean, waves=waves)
         loose, held = (judge(model, found, strength, core) for core in (free, CoreConfig()))
         yield (
             words,

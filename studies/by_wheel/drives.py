@@ -29,6 +29,7 @@ from terramechanics.simulation.body_plant import BodyPlant
 from terramechanics.simulation.sample import TIME_STEP, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.spatial import BodySample
+from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.wheel_places import WheelPlaces
 
@@ -40,9 +41,21 @@ CORE = CoreConfig()
 def model_by_wheel(
     rover: Rover, places: WheelPlaces, prior: Prior, path: Path, torque_sd: tuple[float, ...] = ()
 ) -> LoadedModel:
+    """Write the model of SOIL to a file, and load it; as :func:`model_of_soils`."""
+    return model_of_soils(rover, places, [SOIL], prior, path, torque_sd)
+
+
+def model_of_soils(
+    rover: Rover,
+    places: WheelPlaces,
+    soils: Sequence[Soil],
+    prior: Prior,
+    path: Path,
+    torque_sd: tuple[float, ...] = (),
+) -> LoadedModel:
     """Write the model to a file, and load it; arguments as of ``build_model_by_wheel``."""
-    model = build_model_by_wheel(rover, places, [SOIL], prior, torque_sd)
-    export(model, rover, [SOIL], Training(0, 0, 0.0, torch.__version__), path, places)
+    model = build_model_by_wheel(rover, places, soils, prior, torque_sd)
+    export(model, rover, soils, Training(0, 0, 0.0, torch.__version__), path, places)
     return load_model(str(path))
 
 

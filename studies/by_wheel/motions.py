@@ -14,9 +14,11 @@ import torch
 
 from studies.by_wheel.drives import SEED, ended, model_by_wheel, observed
 from studies.off_plane import (
+    BUMPS,
     DRIVES,
     SAMPLES,
     SOIL,
+    STEEP,
     Kind,
     simulated,
 )
@@ -46,10 +48,6 @@ GAIN_SD = 0.1
 """[1] Deviation of an error that all torques share."""
 SHOWS, DEPTH = 0.05, 0.02
 """[1], [m] Share of a wheel's load that a hidden force has, at that sinkage."""
-STEEP = 5.0
-"""[deg] Steepest slope of hills and bumps."""
-BUMPS = (0.8, 3.0)
-"""[m] Shortest and longest waves of bumps: as long as the rovers."""
 ANGLE_SD = 0.05
 """[rad] Deviation of the ground from the body that is stated where no contact angle is measured.
 

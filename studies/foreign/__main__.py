@@ -27,7 +27,6 @@ from studies.records import Piece, compute, read_record, write_record, write_res
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.model.loaded import LoadedModel
-from terramechanics.presets import load_rover
 
 Place = tuple[str, str, int]
 """Model, log, and the seed of the noise."""
@@ -35,8 +34,8 @@ Place = tuple[str, str, int]
 
 def study_drive(model: LoadedModel, log: str, seed: int) -> Driven:
     """Return what the estimator publishes on a log with the noise of a seed."""
-    rover, clean = load_rover("mars_rover"), read_log(log)
-    return drive(clean, observations_of(measured_columns(clean, rover, seed), rover), model)
+    clean = read_log(log)
+    return drive(clean, observations_of(measured_columns(clean, seed), clean.rover), model)
 
 
 @interruptible

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from studies.command import refuse, study_parser
-from studies.foreign.logs import SINKAGES, log_names, read_log, write_measured
+from studies.foreign.logs import SINKAGES, STRAIGHT, TURNS, log_names, read_log, write_measured
 from terrain_estimator.console.arguments import SEED
 from terrain_estimator.console.interrupting import interruptible
 
@@ -19,21 +19,22 @@ from terrain_estimator.console.interrupting import interruptible
 def main(argv: list[str] | None = None) -> int:
     """Write measured.csv, measured.yaml and bag to a folder; exit codes as of csv_to_bag."""
     parser = study_parser("foreign.bag", __doc__)
-    parser.add_argument("log", choices=log_names(), metavar="LOG", help=", ".join(log_names()))
+    names = log_names(STRAIGHT) + log_names(TURNS)
+    parser.add_argument("log", choices=names, metavar="LOG", help=", ".join(names))
     parser.add_argument("--out", type=Path, required=True, help="folder of the three results")
     parser.add_argument("--seed", type=SEED, default=0, help="of the sensors' noise")
     parser.add_argument("--sinkage", choices=SINKAGES, default="original", help="kind of sinkage")
     args = parser.parse_args(argv)
     try:
         args.out.mkdir(parents=True, exist_ok=True)
-        data, mapping = write_measured(
-            read_log(args.log), args.out / "measured", args.seed, args.sinkage
-        )
+        log = read_log(args.log)
+        data, mapping = write_measured(log, args.out / "measured", args.seed, args.sinkage)
     except OSError as error:
         return refuse("foreign.bag", error)
     # as a user calls it: studies do not import commands
     command = [sys.executable, "-m", "terrain_estimator.cli.csv_to_bag", str(data)]
     command += ["--mapping", str(mapping), "--out", str(args.out / "bag")]
+    command += ["--rover", log.rover.name]
     return subprocess.run(command, check=False).returncode  # noqa: S603
 
 

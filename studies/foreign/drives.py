@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from studies.foreign.logs import Log
+from studies.foreign.logs import Log, wheel_noise
 from studies.foreign.residuals import BlockResiduals, block_residuals, kinds
 from studies.foreign.watch import watched
 from terrain_estimator.config.estimator import CoreConfig
@@ -61,14 +61,7 @@ def observations_of(columns: Mapping[str, Floats], rover: Rover) -> list[Observa
 
     One value stands for the wheels of an axle: their mean, and the deviation of that mean.
     """
-    noise = Noise()
-    torque = 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
-    parts = {
-        "slip": ("slip", noise.slip_relative, noise.slip),
-        "sinkage": ("sinkage", noise.sinkage_relative, rover.sinkage_noise_floor),
-        "contact_angle": ("contact", 0.0, noise.contact_angle),
-        "torque": ("torque", noise.torque_relative, noise.torque_of_load * torque),
-    }
+    noise, parts = Noise(), wheel_noise(rover)
     axles: dict[str, Floats] = {"wheel_rate": _axle_means(columns, "rate", rover)}
     for name, (column, relative, absolute) in parts.items():
         axles[name] = _axle_means(columns, column, rover)

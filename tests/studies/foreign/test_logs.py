@@ -46,12 +46,12 @@ def test_a_log_is_whole_and_its_loads_carry_the_rover(name: str) -> None:
 
 def test_the_noise_is_that_of_the_seed_and_of_the_log() -> None:
     log, other = read_log("A_steep_scm"), read_log("A_steep_radial")
-    first = measured_columns(log, ROVER, 0)["velocity"] - log.columns["velocity"]
-    again = measured_columns(log, ROVER, 0)["velocity"] - log.columns["velocity"]
+    first = measured_columns(log, 0)["velocity"] - log.columns["velocity"]
+    again = measured_columns(log, 0)["velocity"] - log.columns["velocity"]
     assert (first == again).all()
     assert first.std() == pytest.approx(0.01, rel=0.15)
     for seed, another in ((1, log), (0, other)):
-        drawn = measured_columns(another, ROVER, seed)["velocity"] - another.columns["velocity"]
+        drawn = measured_columns(another, seed)["velocity"] - another.columns["velocity"]
         assert abs(np.corrcoef(first, drawn)[0, 1]) < 0.2
 
 
@@ -62,9 +62,7 @@ def test_a_log_becomes_a_bag_whose_replay_ends_where_the_study_does(tmp_path: Pa
     assert replay.main([str(tmp_path / "bag"), "--out", str(tmp_path / "replay")]) == 3
     last = json.loads((tmp_path / "replay" / "summary.json").read_text())["bags"][0]
     log = read_log(name)
-    driven = drive(
-        log, observations_of(measured_columns(log, ROVER, 0), ROVER), load_model("mars_rover")
-    )
+    driven = drive(log, observations_of(measured_columns(log, 0), ROVER), load_model("mars_rover"))
     assert last["estimates"] == TIMES
     assert last["outcomes"]["ACCEPTED"] == driven.length @ driven.taken
     assert (last["status"], float(driven.disagrees)) == ("DISAGREES", 1.0)
