@@ -115,6 +115,23 @@ def test_an_effect_is_added_that_helps_in_one_way_and_harms_in_none(
     assert better(gap, dataclasses.replace(gap, nll_improvement_95=ahead), likelier) == added
 
 
+@pytest.mark.parametrize(
+    ("rollouts", "ahead", "added"),
+    [
+        ((0.05, 0.2), (0.0, 0.3), False),
+        ((0.05, 0.4), (0.0, 0.3), True),
+        ((0.05, 0.2), (0.1, 0.5), True),
+        (None, (0.0, 0.3), True),
+    ],
+)
+def test_an_effect_that_leaves_most_of_the_gap_is_not_added(
+    rollouts: tuple[float, float] | None, ahead: tuple[float, float], *, added: bool
+) -> None:
+    """It is likelier and better than nothing; a gap that chance may have made tells nothing."""
+    gap = dataclasses.replace(proven(2).gap, improvement_95=(0.1, 0.3), closed_95=rollouts)
+    assert better(gap, dataclasses.replace(gap, closed_95=ahead), 9.0) == added
+
+
 def test_a_name_that_did_not_prove_itself_is_withdrawn() -> None:
     hypothesis = found().hypothesis
     judgement = Judgement(
