@@ -222,7 +222,7 @@ def _unknown(finding: Mapping[str, Any]) -> tuple[str, Markup]:
     ).format(sure)
     if (finding.get("proof") or {}).get("effect"):
         sentence += Markup(
-            " {} fitted the searched runs, but did not improve the prediction of the held-out runs."
+            " {} fitted the searched runs, but did not prove itself on the held-out runs."
         ).format(closest)
     elif closest:
         sentence += Markup(" The closest is {}.").format(closest)

@@ -121,15 +121,21 @@ def test_an_effect_is_added_that_helps_in_one_way_and_harms_in_none(
         ((0.05, 0.2), (0.0, 0.3), False),
         ((0.05, 0.4), (0.0, 0.3), True),
         ((0.05, 0.2), (0.1, 0.5), True),
-        (None, (0.0, 0.3), True),
+        (None, (0.0, 0.3), False),
+        ((0.05, 0.2), None, False),
+        ((0.05, 0.4), None, True),
+        (None, None, True),
     ],
 )
 def test_an_effect_that_leaves_most_of_the_gap_is_not_added(
-    rollouts: tuple[float, float] | None, ahead: tuple[float, float], *, added: bool
+    rollouts: tuple[float, float] | None, ahead: tuple[float, float] | None, *, added: bool
 ) -> None:
     """It is likelier and better than nothing; a gap that chance may have made tells nothing."""
     gap = dataclasses.replace(proven(2).gap, improvement_95=(0.1, 0.3), closed_95=rollouts)
-    assert better(gap, dataclasses.replace(gap, closed_95=ahead), 9.0) == added
+    step_gap = dataclasses.replace(gap, closed_95=ahead)
+    assert better(gap, step_gap, 9.0) == added
+    proof = dataclasses.replace(proven(2), gap=gap, one_step_gap=step_gap, added=added)
+    assert ("a third is needed" in proof.sentence) != added
 
 
 def test_a_name_that_did_not_prove_itself_is_withdrawn() -> None:

@@ -5,7 +5,8 @@
 The rule: with the effect, rollouts of five seconds or predictions of one second get better on the
 held-out runs, by a 95 % interval above zero, or the runs as a whole are LIKELIER; neither gets
 worse by an interval below zero; and of the way to the noise floor one of them may close
-LEAST_CLOSED, by the upper end of its interval. Else the effect is not added.
+LEAST_CLOSED, by the upper end of its interval. A gap that chance alone may have made has none and
+does not count. Else the effect is not added.
 
 Where nothing is to be added, rollouts that are FAR off the noise floor refute "nothing is missing".
 
@@ -120,9 +121,16 @@ class Proof:
         floor = f"sd of the sensors, the noise floor is {gap.noise_floor:.2f}"
         if gap.after is None or gap.improvement_95 is None or step is None:
             return f"nothing is added: rollouts of held-out runs miss by {gap.before:.2f} {floor}"
-        outcome = (
-            "is added" if self.added else "did not prove itself on held-out runs and is not added"
-        )
+        most = most_closed(self.gap, self.one_step_gap)
+        little = most is not None and most < LEAST_CLOSED
+        outcome = "did not prove itself on held-out runs and is not added"
+        if self.added:
+            outcome = "is added"
+        elif little:
+            outcome = (
+                f"closes at most {100.0 * max(most or 0.0, 0.0):.0f} % of the gap, a third is needed,"
+                " and is not added"
+            )
         better = (
             f"95 % interval of the improvement {gap.improvement_95[0]:.2f} to"
             f" {gap.improvement_95[1]:.2f}"
@@ -279,9 +287,18 @@ def better(gap: Gap, step_gap: Gap, likelier: float) -> bool:
         ends for ends in (gap.improvement_95, step_gap.nll_improvement_95) if ends is not None
     ]
     proven = likelier >= LIKELIER or any(low > 0.0 for low, _ in intervals)
-    shares = (gap.closed_95, step_gap.closed_95)
-    closes = any(ends is None or ends[1] >= LEAST_CLOSED for ends in shares)
+    most = most_closed(gap, step_gap)
+    closes = most is None or most >= LEAST_CLOSED
     return proven and closes and all(high > 0.0 for _, high in intervals)
+
+
+def most_closed(gap: Gap, step_gap: Gap) -> float | None:
+    """Return the share of the gap that an effect closes at most, by 95 % intervals.
+
+    None where chance alone may have made both gaps.
+    """
+    known = [each.closed_95[1] for each in (gap, step_gap) if each.closed_95 is not None]
+    return max(known, default=None)
 
 
 def settled(finding: Finding, proof: Proof | None) -> Finding:

@@ -46,7 +46,7 @@ class _Revision:
     explains: float  # [nat] the soils and what is named on them
 
     def closes(self, gains: Gains, thresholds: Thresholds) -> bool:
-        """Return whether this closes nearly all that the best effect leaves, see is_pair."""
+        """Return whether this closes nearly all that the best effect leaves."""
         name = gains.single or gains.best
         left = max(gains.explainable, self.explains) - name
         return self.explains - name >= max(thresholds.anything, SECOND_SHARE * left)
