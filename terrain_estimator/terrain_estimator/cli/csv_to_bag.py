@@ -99,6 +99,9 @@ def _checked(data: Path, mapping: Mapping, rover: Rover) -> list[str]:
     return [f"{count} rows at {rate}" for rate, count in found]
 
 
+_OF_TURNS = ("roll", "lateral_velocity", "yaw_rate")
+
+
 def _hints(mapping: Mapping, rover: Rover) -> list[str]:
     hints = []
     absent = [
@@ -128,6 +131,13 @@ def _hints(mapping: Mapping, rover: Rover) -> list[str]:
             "no contact_angle: give columns, or constant_contact_angle if the ground was even, or"
             " the parameter contact_angle_sd to replay; otherwise no wheel is used"
         )
+    if steered := [wheel.name for wheel in mapping.wheels if wheel.steering]:
+        hints.append(
+            f"steering is for a model of these wheels: model_by_wheel --steered {' '.join(steered)}"
+        )
+    of_turns = [each for each in _OF_TURNS if not mapping.measures(each)]
+    if 0 < len(of_turns) < len(_OF_TURNS) or (steered and of_turns):
+        hints.append(f"a model by wheel needs {', '.join(of_turns)}, too, which have no column")
     if mapping.measures("torque") and mapping.torque.noise != SignalNoise():
         relative, absolute = (
             mapping.torque.noise.relative,

@@ -24,7 +24,7 @@ FEWEST = 5
 _SLOWEST_RIM = 0.01  # [m/s] of a wheel that turns
 _SAME = 1.3  # [1] ratio up to which two velocities agree with a factor between units
 _DIFFERENT = 2.5  # [1] ratio from which they contradict each other
-_TURNING = 0.2  # [1] of the velocity, with which an axle moves aside in a turn
+_TURNING = 0.2  # [1] difference of the rates of left and right wheels in a turn
 _STRONGEST = 15.0  # [1] torque over that of a wheel that pulls 0.3 of its load
 
 
@@ -73,7 +73,7 @@ def limits(rover: Rover) -> dict[str, _Limit]:
         "lateral_velocity": _Limit(100.0, "above 100 m/s"),
         "yaw_rate": _Limit(2.0 * math.pi, "more than a turn in a second"),
         "bogie_angle": _Limit(quarter, "further than a bogie turns"),
-        "steering": _Limit(math.pi, "more than half a turn"),
+        "steering": _Limit(quarter, "further than a wheel is steered"),
         "wheel_rate": _Limit(100.0 / rover.wheel_radius, "a rim of more than 100 m/s"),
         "velocity": _Limit(100.0, "above 100 m/s"),
         "torque": _Limit(
@@ -109,7 +109,8 @@ class Plausibility:
         """Yield what makes the file impossible, column by column, then between the columns."""
         largest = limits(self.rover)
         for (signal, column), kept in self._columns.items():
-            median = statistics.median(map(abs, kept.values)) if kept.values else 0.0
+            values = [abs(value) for value in kept.values if value or signal != "steering"]
+            median = statistics.median(values) if values else 0.0
             if len(kept.values) >= FEWEST and median > largest[signal].largest:
                 yield self._beyond(signal, column, median, largest[signal])
         if not math.isnan(ratio := self._ratios.median):
@@ -131,8 +132,7 @@ class Plausibility:
 
         Hubs move otherwise than the body where the rover turns.
         """
-        reach = self.rover.axle_x[0] - self.rover.axle_x[-1]
-        if abs(sample.yaw_rate.value) * reach > _TURNING * abs(sample.velocity.value):
+        if self._turns(sample):
             return
         for rate, slip in zip(sample.wheel_rate, sample.slip, strict=True):
             rim = rate * self.rover.wheel_radius
@@ -142,6 +142,18 @@ class Plausibility:
             measured = 1.0 - sample.velocity.value / rim
             if slip.value and abs(measured) > 0.05:  # clear of noise
                 self._over_slip.add(measured / slip.value)
+
+    def _turns(self, sample: TableSample) -> bool:
+        """Return whether left and right wheels turn differently."""
+        sides = {wheel.name: wheel.side for wheel in self.rover.wheels}
+        rates: dict[str, list[float]] = {"left": [], "right": []}
+        for wheel, rate in zip(self.mapping.wheels, sample.wheel_rate, strict=True):
+            if math.isfinite(rate):
+                rates[sides[wheel.name]].append(rate)
+        if not all(rates.values()):
+            return False
+        left, right = (statistics.fmean(each) for each in rates.values())
+        return abs(left - right) > _TURNING * max(abs(left), abs(right))
 
     def _beyond(self, signal: str, column: str, median: float, limit: _Limit) -> str:
         stated = getattr(self.mapping, signal).unit
@@ -165,7 +177,7 @@ class Plausibility:
                 ' slip.unit: "1" in the mapping'
             )
             return
-        if 1.0 / _DIFFERENT < ratio < _DIFFERENT:
+        if ratio == 0.0 or 1.0 / _DIFFERENT < ratio < _DIFFERENT:
             return
         if ratio < 0.0:
             yield (

@@ -179,6 +179,8 @@ def observed(
         return None
     if not converter.core.use_imu:
         imu = None
+    if joints and not converter.unsteered_joints.isdisjoint(joints.example.name):
+        return None
     if converter.wrong_frame(
         slip.example, sinkage.example, odom.example, None if imu is None else imu.example
     ):

@@ -100,6 +100,10 @@ class _Signal:
     bounds: Bounds
 
 
+STRAIGHT = 0.02
+"""[rad] Angle up to which a wheel that nothing steers is straight: a zero that is not exact."""
+
+
 class WrongWheelsError(ValueError):
     """Wheel names or array lengths of a message do not match the rover."""
 
@@ -130,6 +134,11 @@ class Converter:
             f"{name}{STEERING_SUFFIX}" if turns else ""
             for name, turns in zip(self._stations, steered, strict=False)
         ]
+        self.unsteered_joints = frozenset(
+            f"{name}{STEERING_SUFFIX}"
+            for name, turns in zip(self._stations, steered, strict=False)
+            if not turns
+        )
         absolute = 0.01 * 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
         self.torque_absolute_sd = config.torque_absolute_sd or absolute
         self.slip_bounds = Bounds(core.slip_minimum, core.slip_maximum)
@@ -249,7 +258,12 @@ class Converter:
         )
 
     def _steering(self, joints: Message) -> Floats | None:
-        """Return the angles [rad] of single wheels; NaN where a joint that steers is missing."""
+        """Return the angles [rad] of single wheels; NaN where a joint that steers is missing.
+
+        Raises WrongWheelsError where a wheel is steered that the model takes as straight.
+        """
+        if joints is not None and not self.unsteered_joints.isdisjoint(joints.name):
+            self._refuse_steering(joints)
         if not any(self.steering_joints):
             return None
         known: dict[str, float] = {}
@@ -258,6 +272,14 @@ class Converter:
         return np.array(
             [known.get(joint, math.nan) if joint else 0.0 for joint in self.steering_joints]
         )
+
+    def _refuse_steering(self, joints: Message) -> None:
+        for name, angle in zip(joints.name, joints.position.tolist(), strict=False):
+            if name in self.unsteered_joints and abs(angle) > STRAIGHT:
+                raise WrongWheelsError(
+                    f"joint_states: {name} is {angle:.3g} rad, but the model takes that wheel as"
+                    " straight: write it anew with model_by_wheel --steered"
+                )
 
     def _axle_means(self, signal: _Signal, notes: _Notes) -> tuple[list[float], list[float]]:
         """Return the mean over the wheels of each axle, and the standard deviation of that mean."""

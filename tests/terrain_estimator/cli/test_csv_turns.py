@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from terrain_estimator.messaging.conversion import nose_up_pitch, roll_left_up
-from tests.terrain_estimator.cli.csv_files import HEADER, ROWS, mapping, messages, run
+from tests.terrain_estimator.cli.csv_files import HEADER, ROVER, ROWS, mapping, messages, run
 
 WHEELS = [
     {"name": "front", "slip": "s1", "sinkage": "z1", "wheel_rate": "w1", "steering": "d1"},
@@ -47,12 +48,17 @@ def test_a_lateral_velocity_needs_its_noise(
     assert "lateral_velocity" in capsys.readouterr().err
 
 
-def test_a_steering_angle_arrives_as_the_joint_of_its_wheel(tmp_path: Path) -> None:
+def test_a_steering_angle_arrives_as_the_joint_of_its_wheel(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     lines = [f"{HEADER},d1", f"{ROWS[0]},-20", f"{ROWS[1]},"]
     content = mapping(wheels=WHEELS, steering={"unit": "deg"}, torque=None)
     assert run(tmp_path, content, lines) == 0
     first, second = messages(tmp_path / "bag", "/joint_states")
     assert first.name == ["front", "rear", "middle", "front_steering"]
+    output = capsys.readouterr().out
+    assert "model_by_wheel --steered front\n" in output
+    assert "a model by wheel needs roll, lateral_velocity, yaw_rate, too" in output
     np.testing.assert_allclose(first.position, [math.nan] * 3 + [-math.radians(20.0)])
     np.testing.assert_allclose(first.velocity, [2 * math.pi, 2 * math.pi, math.nan, math.nan])
     assert math.isnan(second.position[3])
@@ -80,7 +86,7 @@ def test_a_steering_angle_stands_behind_the_bogie(tmp_path: Path) -> None:
         (
             {"wheels": WHEELS, "torque": None, "steering": {"unit": "rad"}},
             "10",
-            "column 'd1': steering is 10 rad in the median, more than half a turn",
+            "column 'd1': steering is 10 rad in the median, further than a wheel is steered",
         ),
     ],
 )
@@ -93,21 +99,46 @@ def test_a_wrong_steering_angle_is_named(
     assert words in capsys.readouterr().err
 
 
-def _rows(*more: str, velocity: float = 100.0) -> list[str]:
+def _rows(*more: str, velocity: float = 0.36, rates: str = "62,62") -> list[str]:
     """Return ten rows of a rover whose wheels turn with 0.1 m/s and slip by a tenth."""
-    wheels = "10,10,12,11,62,62,5,6"
     return [
-        ",".join([f"{1 + 0.1 * k:.1f}", f"{velocity:g}", "2", "0.1", wheels, *more])
+        ",".join([f"{1 + 0.1 * k:.1f}", f"{velocity:g},2,0.1,10,10,12,11,{rates},5,6", *more])
         for k in range(10)
     ]
 
 
-@pytest.mark.parametrize(("turn", "code"), [("0.5", 2), ("60", 0)])
+VELOCITY = {"column": "v", "unit": "m/s", "noise": {"absolute": 0.002}}
+YAW_RATE = {"column": "w", "unit": "rad/s", "noise": {"absolute": 0.003}}
+SIDES = [
+    {"name": name, "axle": axle, "side": side}
+    for axle, (name, side) in enumerate((("front", "left"), ("middle", "left"), ("rear", "right")))
+]
+
+
+@pytest.mark.parametrize(
+    ("velocity", "rates", "code"),
+    [
+        (0.36, "62,62", 2),  # km/h, told as m/s
+        (0.00001, "62,62", 0),  # explained by no unit
+        (0.36, "62,20", 0),
+        (0.0, "62,-62", 0),
+        (0.0, "62,62", 0),
+    ],
+)
 def test_the_hubs_of_a_rover_that_turns_may_move_otherwise_than_its_body(
-    turn: str, code: int, tmp_path: Path
+    velocity: float, rates: str, code: int, tmp_path: Path
 ) -> None:
-    """The unit of the velocity is wrong, which shows straight ahead alone."""
-    lines = [f"{HEADER},w", *_rows(turn, velocity=0.36)]
-    velocity = {"column": "v", "unit": "m/s", "noise": {"absolute": 0.002}}
-    yaw_rate = {"column": "w", "unit": "deg/s", "noise": {"absolute": 0.1}}
-    assert run(tmp_path, mapping(velocity=velocity, yaw_rate=yaw_rate), lines) == code
+    """Front wheels are left, rear ones right: different rates are a turn."""
+    lines = [f"{HEADER},w", *_rows("0.5", velocity=velocity, rates=rates)]
+    rover = tmp_path / "sides.yaml"
+    rover.write_text(yaml.safe_dump(ROVER | {"wheels": SIDES}), encoding="utf-8")
+    content = mapping(velocity=VELOCITY, yaw_rate=YAW_RATE)
+    assert run(tmp_path, content, lines, str(rover)) == code
+
+
+def test_a_yaw_rate_does_not_hide_a_wrong_unit_of_the_velocity(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = [f"{HEADER},w", *_rows("0.003", velocity=0.1)]
+    assert run(tmp_path, mapping(yaw_rate=YAW_RATE), lines) == 2
+    assert "set velocity.unit: m/s" in capsys.readouterr().err

@@ -74,7 +74,7 @@ def test_an_unknown_verdict_names_the_dependence_and_a_name_that_held_out_runs_r
         "sentence": "slope_bias is not added",
     }
     assert (
-        "slope_bias fitted the searched runs, but did not improve the prediction of the held-out"
+        "slope_bias fitted the searched runs, but did not prove itself on the held-out"
         " runs." in finding_page(refuted)
     )
 

@@ -14,8 +14,8 @@ discrepancy without a name on top:
    best gains, is as good an explanation: together they are a confusable set.
 4. Two effects are named where together they close the ``share``, and the second gains ``anything``
    more than a discrepancy does, alone or beside the first, or nearly all (SECOND_SHARE) that the
-   first leaves. A right name whose law is slightly another leaves something too, of which another effect
-   takes a part.
+   first leaves. A right name whose law is slightly another leaves something too, of which another
+   effect takes a part.
 
 5. Soil constants that differ from those of the soil file count like an effect, see
    :func:`terrain_estimator.discovery.report.investigation.investigate`.

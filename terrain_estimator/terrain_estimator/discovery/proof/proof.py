@@ -128,8 +128,8 @@ class Proof:
             outcome = "is added"
         elif little:
             outcome = (
-                f"closes at most {100.0 * max(most or 0.0, 0.0):.0f} % of the gap, a third is needed,"
-                " and is not added"
+                f"closes at most {100.0 * max(most or 0.0, 0.0):.0f} % of the gap, a third is"
+                " needed, and is not added"
             )
         better = (
             f"95 % interval of the improvement {gap.improvement_95[0]:.2f} to"
