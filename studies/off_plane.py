@@ -77,6 +77,8 @@ STEEP = 5.0
 """[deg] Steepest slope of hills and bumps."""
 BUMPS = (0.8, 3.0)
 """[m] Shortest and longest waves of bumps: as long as the rovers."""
+RAISED = 0.3
+"""[m] Height above the hubs of a point whose velocity is taken for theirs."""
 Waves = tuple[float, float]
 
 
@@ -92,11 +94,17 @@ class Judged(NamedTuple):
 
 
 def drives(
-    kind: Kind, yaw_rate: float, lean: float, samples: int = SAMPLES, waves: Waves | None = None
+    kind: Kind,
+    yaw_rate: float,
+    lean: float,
+    samples: int = SAMPLES,
+    waves: Waves | None = None,
+    raised: float = 0.0,
 ) -> tuple[list[list[Observation]], Floats]:
     """Return the observations of each drive, and the true strength [drives, 2].
 
-    ``waves`` are the shortest and the longest of uneven ground [m].
+    ``waves`` are the shortest and the longest of uneven ground [m]. Velocity and slips are those of
+    a point ``raised`` [m] above the hubs.
     """
     generator = torch.Generator().manual_seed(SEED)
     constants, surface = SOIL.constants().expand(DRIVES, 6), None
@@ -105,7 +113,23 @@ def drives(
     driven, strength = simulated(
         kind, yaw_rate, lean, samples, constants, generator, surface=surface
     )
-    return _observed(load_rover(kind.rover), driven, strength, generator), strength.numpy()
+    rover = load_rover(kind.rover)
+    found = _observed(rover, driven, strength, generator)
+    if raised:
+        pitch = torch.stack([sample.pitch for sample in driven], 1).numpy()
+        slower = raised * np.gradient(pitch, TIME_STEP, axis=1)  # it moves back as the nose rises
+        found = [
+            [
+                dataclasses.replace(
+                    each,
+                    velocity=each.velocity - less,
+                    slip=each.slip + less / (each.wheel_rate * rover.wheel_radius),
+                )
+                for each, less in zip(drive, slower[number].tolist(), strict=True)
+            ]
+            for number, drive in enumerate(found)
+        ]
+    return found, strength.numpy()
 
 
 def simulated(
@@ -271,15 +295,17 @@ def lines(kind: Kind) -> Iterator[tuple[str, ...]]:
     free = CoreConfig(roll_limit=0.0, turn_limit=0.0)
     with tempfile.TemporaryDirectory() as folder:
         model = physics_model(load_rover(kind.rover), SOIL, Path(folder) / "model.pt")
-    motions: list[tuple[str, float, float, Waves | None]] = [
-        ("straight, level", 0.0, 0.0, None),
-        *((f"{each:g} rad/s commanded", each, 0.0, None) for each in kind.yaw_rates),
-        *((f"across {lean:g}°", 0.0, lean, None) for lean in LEANS),
-        (f"straight, hills of {STEEP:g}°", 0.0, 0.0, WAVELENGTHS),
-        (f"straight, bumps of {STEEP:g}°", 0.0, 0.0, BUMPS),
+    hills = f"straight, hills of {STEEP:g}°"
+    motions: list[tuple[str, float, float, Waves | None, float]] = [
+        ("straight, level", 0.0, 0.0, None, 0.0),
+        *((f"{each:g} rad/s commanded", each, 0.0, None, 0.0) for each in kind.yaw_rates),
+        *((f"across {lean:g}°", 0.0, lean, None, 0.0) for lean in LEANS),
+        (hills, 0.0, 0.0, WAVELENGTHS, 0.0),
+        (f"straight, bumps of {STEEP:g}°", 0.0, 0.0, BUMPS, 0.0),
+        (f"{hills}, velocity {RAISED:g} m above the hubs", 0.0, 0.0, WAVELENGTHS, RAISED),
     ]
-    for words, yaw_rate, lean, waves in motions:
-        found, strength = drives(kind, yaw_rate, lean, waves=waves)
+    for words, yaw_rate, lean, waves, raised in motions:
+        found, strength = drives(kind, yaw_rate, lean, waves=waves, raised=raised)
         loose, held = (judge(model, found, strength, core) for core in (free, CoreConfig()))
         yield (
             words,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from studies import off_plane
-from studies.off_plane import DRIVES, KINDS, SOIL, drives, judge, stops
+from studies.off_plane import BUMPS, DRIVES, KINDS, SOIL, drives, judge, stops
 from studies.physics import physics_model
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.config.planner import AdviceConfig
@@ -55,6 +55,32 @@ def test_a_rover_across_a_slope_leans_by_it() -> None:
     found, _ = drives(KINDS[1], 0.0, 6.0, SAMPLES)
     rolls = [each.roll for drive in found for each in drive]
     assert np.mean(rolls) == pytest.approx(np.radians(6.0), abs=4.0 * 0.0053 / np.sqrt(len(rolls)))
+
+
+def test_on_bumps_contact_angles_and_the_bogie_follow_the_ground() -> None:
+    """The middle wheels' ground leads the rear one's: the angles differ from axle to axle."""
+    found, _ = drives(KINDS[1], 0.0, 0.0, SAMPLES, BUMPS)
+    angles = np.array([[each.contact_angle for each in drive] for drive in found])
+    bogie = np.array([[each.bogie_angle for each in drive] for drive in found])
+    noise = np.radians(0.3)
+    assert angles.std(axis=(0, 1)).min() > 1.5 * noise
+    assert np.abs(angles[..., 0] - angles[..., 2]).max() > 10.0 * noise
+    assert bogie.std() > 1.5 * noise
+
+
+def test_the_velocity_of_a_higher_point_is_less_while_the_nose_rises() -> None:
+    """Slips and velocity change together: their product is the same hub's."""
+    true, _ = drives(KINDS[0], 0.0, 0.0, SAMPLES, BUMPS)
+    high, _ = drives(KINDS[0], 0.0, 0.0, SAMPLES, BUMPS, raised=0.3)
+    pairs = [both for drive in zip(true, high, strict=True) for both in zip(*drive, strict=True)]
+    changes = np.array([seen.velocity - one.velocity for one, seen in pairs])
+    slips = np.array([(seen.slip - one.slip) * seen.wheel_rate for one, seen in pairs])
+    np.testing.assert_allclose(-slips * FOUR_WHEELS.wheel_radius, changes[:, None] + 0.0 * slips)
+    climbs = np.array(
+        [d.pitch - c.pitch for drive in true for c, d in zip(drive[:-2], drive[2:], strict=True)]
+    )
+    middle = changes.reshape(DRIVES, SAMPLES)[:, 1:-1].ravel()
+    assert np.corrcoef(climbs, middle)[0, 1] < -0.13  # 552 values: 99.9 % limit of none
 
 
 def test_a_planner_that_always_stops_is_counted_as_such(

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The foreign drives with turns: true forces balance, and bags of them go through replay."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -10,11 +11,14 @@ import pytest
 import torch
 
 from studies.foreign import bag, turns
-from studies.foreign.logs import TRUTH, TURNS, Log, log_names, read_log
+from studies.foreign.logs import TRUTH, TURNS, Log, log_names, measured_columns, read_log
 from studies.foreign.turns import TRACKS, places_of
+from terrain_estimator.bags import BagReader
 from terrain_estimator.cli import replay
 from terrain_estimator.cli.model_by_wheel import main as model_by_wheel
+from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.observation import Observation
 from terrain_estimator.update import Update
 from terramechanics.vehicle.wheel_balances import geometry_by_wheel, wheel_balances
@@ -65,6 +69,13 @@ def test_the_true_forces_of_a_log_satisfy_the_balances_of_the_body(name: str) ->
         left = (found[:, row] / rover.mass - specific)[begun] / rover.gravity
         assert abs(left.mean()) < 0.005
         assert left.std() < 0.01
+    length = rover.axle_x[0] - rover.axle_x[-1]
+    pitch_and_joints = found[begun][:, [4, *range(6, found.shape[1])]] / (rover.weight * length)
+    assert (abs(pitch_and_joints.mean(0)) < 0.001).all()
+    assert (pitch_and_joints.std(0) < 0.002).all()
+    yaw_and_roll = found[begun][:, [2, 5]] / (rover.weight * TRACKS[rover.name])
+    assert (abs(yaw_and_roll.mean(0)) < 0.007).all()
+    assert (yaw_and_roll.std(0) < 0.006).all()
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +102,27 @@ def test_a_turning_log_becomes_a_bag_that_the_estimator_does_not_believe(
     last = json.loads((tmp_path / "replay" / "summary.json").read_text())["bags"][0]
     assert (last["estimates"], last["status"]) == (TIMES, "DISAGREES")
     assert last["outcomes"].get("GATED", 0) > TIMES / 2
+
+
+@pytest.mark.parametrize("name", ["A_slopes_skid", "B_manoeuvre_steered"])
+def test_observations_are_those_that_the_node_makes_of_the_bag(name: str, tmp_path: Path) -> None:
+    log = read_log(name)
+    assert bag.main([name, "--out", str(tmp_path)]) == 0
+    steered = tuple(each in places_of(log.rover).steered for each in log.rover.wheel_names)
+    converter = Converter(log.rover, ConversionConfig(), CoreConfig(), steered)
+    topics = ["/wheel_slip", "/wheel_sinkage", "/odom", "/joint_states", "/imu"]
+    with BagReader(tmp_path / "bag") as reader:
+        series = [[reader.decode(each) for each in reader.messages([name])] for name in topics]
+    expected = turns.observations_by_wheel(measured_columns(log, 0), log.rover)
+    for mine, messages in zip(expected, zip(*series, strict=True), strict=True):
+        theirs = converter.convert(mine.stamp_ns, messages).observation
+        assert theirs is not None
+        if theirs.steering is None:
+            theirs = dataclasses.replace(theirs, steering=np.zeros_like(theirs.slip))
+        for field in dataclasses.fields(Observation):
+            np.testing.assert_allclose(
+                getattr(theirs, field.name), getattr(mine, field.name), rtol=1e-5, atol=2e-6
+            )
 
 
 def test_a_line_of_the_table_counts_what_the_estimator_publishes(
