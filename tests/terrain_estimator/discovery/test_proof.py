@@ -111,8 +111,32 @@ def test_held_out_runs_are_likelier_with_the_effect_only_where_they_have_it() ->
 def test_an_effect_is_added_that_helps_in_one_way_and_harms_in_none(
     rollouts: tuple[float, float], ahead: tuple[float, float], likelier: float, *, added: bool
 ) -> None:
-    gap = dataclasses.replace(proven(2).gap, improvement_95=rollouts)
+    gap = dataclasses.replace(proven(2).gap, improvement_95=rollouts, after=3.0, noise_floor=2.0)
     assert better(gap, dataclasses.replace(gap, nll_improvement_95=ahead), likelier) == added
+
+
+@pytest.mark.parametrize(
+    ("after", "ahead", "added"),
+    [
+        (1.9, (0.1, 0.3), True),
+        (2.1, (0.1, 0.3), False),
+        (1.9, (-0.3, -0.1), False),
+    ],
+)
+def test_rollouts_that_miss_by_no_more_than_expected_refute_nothing(
+    after: float, ahead: tuple[float, float], *, added: bool
+) -> None:
+    """The floor is 2.0; without the effect they miss by less, by chance."""
+    gap = dataclasses.replace(
+        proven(2).gap,
+        before=1.7,
+        after=after,
+        noise_floor=2.0,
+        closed_95=None,
+        improvement_95=(-0.4, -0.1),
+    )
+    step_gap = dataclasses.replace(proven(2).one_step_gap, nll_improvement_95=ahead)
+    assert better(gap, step_gap, 9.0) == added
 
 
 @pytest.mark.parametrize(

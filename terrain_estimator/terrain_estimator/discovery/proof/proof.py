@@ -4,8 +4,9 @@
 
 The rule: with the effect, rollouts of five seconds or predictions of one second get better on the
 held-out runs, by a 95 % interval above zero, or the runs as a whole are LIKELIER; neither gets
-worse by an interval below zero; and of the way to the noise floor one of them may close
-LEAST_CLOSED, by the upper end of its interval. A gap that chance alone may have made has none and
+worse by an interval below zero, unless rollouts miss by no more than their noise floor, which is
+what the model with the effect expects of them; and of the way to the noise floor one of them may
+close LEAST_CLOSED, by the upper end of its interval. A gap that chance alone may have made has none and
 does not count. Else the effect is not added.
 
 Where nothing is to be added, rollouts that are FAR off the noise floor refute "nothing is missing".
@@ -283,13 +284,14 @@ def models_of(candidate: Candidate | None) -> tuple[Model, ...]:
 
 def better(gap: Gap, step_gap: Gap, likelier: float) -> bool:
     """Apply the rule to rollouts, predictions of one second, and the log Bayes factor [nat]."""
-    intervals = [
-        ends for ends in (gap.improvement_95, step_gap.nll_improvement_95) if ends is not None
-    ]
-    proven = likelier >= LIKELIER or any(low > 0.0 for low, _ in intervals)
+    rollouts, ahead = gap.improvement_95, step_gap.nll_improvement_95
+    helps = any(ends is not None and ends[0] > 0.0 for ends in (rollouts, ahead))
+    expected = gap.after is not None and gap.after <= gap.noise_floor
+    harms = rollouts is not None and rollouts[1] <= 0.0 and not expected
+    harms = harms or (ahead is not None and ahead[1] <= 0.0)
     most = most_closed(gap, step_gap)
     closes = most is None or most >= LEAST_CLOSED
-    return proven and closes and all(high > 0.0 for _, high in intervals)
+    return (likelier >= LIKELIER or helps) and closes and not harms
 
 
 def most_closed(gap: Gap, step_gap: Gap) -> float | None:
