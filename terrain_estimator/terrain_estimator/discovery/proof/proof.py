@@ -6,8 +6,8 @@ The rule: with the effect, rollouts of five seconds or predictions of one second
 held-out runs, by a 95 % interval above zero, or the runs as a whole are LIKELIER; neither gets
 worse by an interval below zero, unless rollouts miss by no more than their noise floor, which is
 what the model with the effect expects of them; and of the way to the noise floor one of them may
-close LEAST_CLOSED, by the upper end of its interval. A gap that chance alone may have made has none and
-does not count. Else the effect is not added.
+close LEAST_CLOSED, by the upper end of its interval. A gap that chance alone may have made has none
+and does not count. Else the effect is not added.
 
 Where nothing is to be added, rollouts that are FAR off the noise floor refute "nothing is missing".
 
