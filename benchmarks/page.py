@@ -42,9 +42,9 @@ those of the batched forms.
 A second of ten observations closes in the compiled core with the forces of some 600 wheels: every
 hypothesis is expanded at 21 points around its place. A third of its instructions are the integral
 over the contact, the rest are small matrices and the start of many small operations on them.
-Around the core, Python screens, judges and sums up: 45 us an observation, and 400 us where a block
-closes. Half of these 400 us are waits for memory: the core has filled the cache with its own
-numbers by then.
+Around the core, Python screens, judges and sums up: on a machine half as fast, 45 us an
+observation, and 400 us where a block closes. Half of these 400 us are waits for memory: the core
+has filled the cache with its own numbers by then.
 
 TorchScript spends its time on the dispatch of small operations, not on their arithmetic:
 `torch.profiler` counts 480 calls of torch's operators in an update, and 4900 in one that closes a
