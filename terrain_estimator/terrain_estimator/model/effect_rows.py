@@ -14,7 +14,13 @@ import torch
 from torch import Tensor, nn
 
 from terrain_estimator.model import packing
-from terrain_estimator.model.packing import view_of, with_pitch, with_sinkage, with_slip_and_sd
+from terrain_estimator.model.packing import (
+    view_of,
+    with_acceleration,
+    with_pitch,
+    with_sinkage,
+    with_slip_and_sd,
+)
 from terrain_estimator.model.rows import (
     ContactModel,
     Forces,
@@ -55,6 +61,7 @@ def readings_of(observed: Observed) -> Readings:
         sinkage=view.sinkage,
         torque=view.torque,
         pitch=view.pitch.unsqueeze(-1),
+        acceleration=view.acceleration.unsqueeze(-1),
         wheel_rate=observed.wheel_rate,
         slip_rate=observed.slip_rate,
         sinkage_rate=observed.sinkage_rate,
@@ -65,7 +72,9 @@ def with_readings(packed: Tensor, readings: Readings) -> Tensor:
     """Return packed observations [n, P] with other sensor values."""
     packed = with_slip_and_sd(packed, readings.slip, readings.slip_sd)
     packed = packing.with_torque(with_sinkage(packed, readings.sinkage), readings.torque)
-    return with_pitch(packed, readings.pitch.squeeze(-1), readings.wheel_rate.shape[-1])
+    axles = readings.wheel_rate.shape[-1]
+    packed = with_pitch(packed, readings.pitch.squeeze(-1), axles)
+    return with_acceleration(packed, readings.acceleration.squeeze(-1), axles)
 
 
 class StressIntegrals(nn.Module):

@@ -130,6 +130,13 @@ def with_torque_and_sd(packed: Tensor, torque: Tensor, torque_sd: Tensor) -> Ten
     return replaced(packed, 6 * torque.shape[-1], torch.cat([torque, torque_sd], -1))
 
 
+def with_acceleration(
+    packed: Tensor, acceleration: Tensor, wheels: int, groups: int = GROUPS
+) -> Tensor:
+    """Return packed observations [..., P] with another ``acceleration`` [...] [m/s^2]."""
+    return replaced(packed, groups * wheels + 4, acceleration.unsqueeze(-1))
+
+
 def with_acceleration_and_sd(
     packed: Tensor, acceleration: Tensor, acceleration_sd: Tensor, wheels: int
 ) -> Tensor:

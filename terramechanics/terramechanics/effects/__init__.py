@@ -74,13 +74,13 @@ EFFECTS = {
             name="slope_bias",
             sentence=(
                 "The attitude sensor sits tilted, so that the reported pitch is too large by a "
-                "constant."
+                "constant; the accelerometer may be tilted with it."
             ),
             coefficient="slope_bias_rad",
             unit="rad",
             low=-0.1,
             high=0.1,
-            rows=("velocity", "load"),
+            rows=("velocity", "acceleration", "load"),
             source="mount misalignment of inertial sensors; 0.05 to 1 deg is usual",
             law=sensing.SlopeBias,
         ),

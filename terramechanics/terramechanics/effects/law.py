@@ -47,6 +47,7 @@ class Readings(NamedTuple):
     sinkage: Tensor  # [n, A] [m]
     torque: Tensor  # [n, A] [N m]
     pitch: Tensor  # [n, 1] [rad]
+    acceleration: Tensor  # [n, 1] [m/s^2] specific force along the body
     wheel_rate: Tensor  # [n, A] [rad/s]
     time: Tensor | None = None  # [n] [s] of a simulated sample
     slip_rate: Tensor | None = None  # [n, A] [1/s] where the neighbours in time are there
@@ -56,8 +57,9 @@ class Readings(NamedTuple):
 def with_slip(readings: Readings, slip: Tensor, slip_sd: Tensor) -> Readings:
     """Return ``readings`` with other slips (TorchScript has no ``_replace``)."""
     return Readings(
-        slip, slip_sd, readings.sinkage, readings.torque, readings.pitch, readings.wheel_rate,
-        readings.time, readings.slip_rate, readings.sinkage_rate,
+        slip, slip_sd, readings.sinkage, readings.torque, readings.pitch,
+        readings.acceleration, readings.wheel_rate, readings.time, readings.slip_rate,
+        readings.sinkage_rate,
     )  # fmt: skip
 
 
@@ -65,7 +67,8 @@ def with_sinkage(readings: Readings, sinkage: Tensor) -> Readings:
     """Return ``readings`` with other sinkages."""
     return Readings(
         readings.slip, readings.slip_sd, sinkage, readings.torque, readings.pitch,
-        readings.wheel_rate, readings.time, readings.slip_rate, readings.sinkage_rate,
+        readings.acceleration, readings.wheel_rate, readings.time, readings.slip_rate,
+        readings.sinkage_rate,
     )  # fmt: skip
 
 
@@ -73,14 +76,15 @@ def with_torque(readings: Readings, torque: Tensor) -> Readings:
     """Return ``readings`` with other torques."""
     return Readings(
         readings.slip, readings.slip_sd, readings.sinkage, torque, readings.pitch,
-        readings.wheel_rate, readings.time, readings.slip_rate, readings.sinkage_rate,
+        readings.acceleration, readings.wheel_rate, readings.time, readings.slip_rate,
+        readings.sinkage_rate,
     )  # fmt: skip
 
 
-def with_pitch(readings: Readings, pitch: Tensor) -> Readings:
-    """Return ``readings`` with another pitch."""
+def with_attitude(readings: Readings, pitch: Tensor, acceleration: Tensor) -> Readings:
+    """Return ``readings`` with another pitch and another acceleration."""
     return Readings(
-        readings.slip, readings.slip_sd, readings.sinkage, readings.torque, pitch,
+        readings.slip, readings.slip_sd, readings.sinkage, readings.torque, pitch, acceleration,
         readings.wheel_rate, readings.time, readings.slip_rate, readings.sinkage_rate,
     )  # fmt: skip
 

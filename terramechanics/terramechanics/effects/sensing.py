@@ -13,7 +13,7 @@ from terramechanics.effects.law import (
     ExtraValue,
     Law,
     Readings,
-    with_pitch,
+    with_attitude,
     with_sinkage,
     with_slip,
 )
@@ -26,15 +26,35 @@ SHALLOWEST = 0.2
 
 
 class SlopeBias(Law):
-    """The pitch that is reported is size too large. The accelerometer does not depend on it."""
+    """The pitch that is reported is size too large.
+
+    The extra value is the share of the tilt that the accelerometer has: 0 where the attitude comes
+    from another sensor, 1 where the whole inertial unit sits tilted. Along its axis such a unit
+    feels g (sin(ab + share size) - sin(ab)) more at the true pitch ab.
+    """
+
+    extra: ClassVar[tuple[ExtraValue, ...]] = (
+        ExtraValue("share of the tilt that the accelerometer has", "1", 1.0),
+    )
+
+    def __init__(self, rover: Rover, axle: int | None = None) -> None:
+        super().__init__(rover, axle)
+        self.gravity = rover.gravity
+
+    def felt(self, pitch: Tensor, values: Tensor) -> Tensor:
+        """Return what the accelerometer reads too much at a true ``pitch`` [n, 1], [m/s^2]."""
+        tilted = pitch + values[:, 1:] * values[:, :1]
+        return self.gravity * (torch.sin(tilted) - torch.sin(pitch))
 
     def reported(self, readings: Readings, values: Tensor) -> Readings:
-        """Add the bias; ``values`` in [rad]."""
-        return with_pitch(readings, readings.pitch + values)
+        """Add the bias; ``values`` in [rad] and [1]."""
+        pitch, more = readings.pitch, self.felt(readings.pitch, values)
+        return with_attitude(readings, pitch + values[:, :1], readings.acceleration + more)
 
     def corrected(self, readings: Readings, values: Tensor) -> Readings:
         """Take the bias off."""
-        return with_pitch(readings, readings.pitch - values)
+        pitch = readings.pitch - values[:, :1]
+        return with_attitude(readings, pitch, readings.acceleration - self.felt(pitch, values))
 
 
 class OdometryScale(Law):

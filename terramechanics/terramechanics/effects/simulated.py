@@ -90,15 +90,17 @@ class SimulatedEffect(Effect):
         return self._law(where.rover).drive_loss(where.rate, self._of(where))
 
     def sensed(self, sample: Sample) -> Sample:
-        """Change the readings by the law. What the accelerometer reads does not depend on pitch."""
+        """Change the readings by the law."""
         if self._rover is None:
             raise ValueError("the simulation has not begun")
+        gravity = self._rover.gravity
         true = Readings(
             sample.slip,
             torch.zeros_like(sample.slip),
             sample.sinkage,
             sample.torque,
             sample.pitch.unsqueeze(-1),
+            sample.specific_force(gravity).unsqueeze(-1),
             sample.wheel_rate,
             sample.time,
         )
@@ -107,12 +109,11 @@ class SimulatedEffect(Effect):
             values = values.repeat_interleave(batch // values.shape[0], 0)
         seen = self._law(self._rover).reported(true, values)
         pitch = seen.pitch.squeeze(-1)
-        # A sample carries dv/dt, a sensor reads dv/dt + g sin ab.
-        turned = self._rover.gravity * (torch.sin(sample.pitch) - torch.sin(pitch))
         return dataclasses.replace(
             sample,
             slip=seen.slip,
             sinkage=seen.sinkage,
             pitch=pitch,
-            acceleration=sample.acceleration + turned,
+            # A sample carries dv/dt, a sensor reads dv/dt + g sin ab.
+            acceleration=seen.acceleration.squeeze(-1) - gravity * torch.sin(pitch),
         )

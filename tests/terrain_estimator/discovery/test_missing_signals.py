@@ -33,7 +33,7 @@ def without(signal: str) -> Study:
     [
         ("bogie angle", ("slope_bias", "payload"), True),
         ("motor torque", ("slope_bias", "drive_drag"), True),
-        ("acceleration", ("slope_bias", "bulldozing"), False),
+        ("acceleration", ("payload", "grousers"), True),
     ],
 )
 def test_a_missing_signal_would_tell_apart_what_it_tells_apart_where_it_is_measured(

@@ -85,6 +85,7 @@ def test_the_other_unknowns_of_effects_have_the_deviations_of_their_documentatio
     """docs/effects.md, the extra unknowns; in units of the unknown."""
     found = {name: [extra.sd for extra in law.extra] for name, law in LAWS.items() if law.extra}
     assert found == {
+        "slope_bias": [1.0],
         "grousers": [0.7],
         "multipass": [0.5],
         "payload": [10.0, 10.0],
@@ -109,18 +110,18 @@ def test_the_velocity_row_has_its_change_by_a_deviation_of_each_value_behind_it(
     contact = nominal_of(physics).nominal_contact(0)
     view = view_of(with_rates(observations())[3], AXLES)
     known = physics.uncertain_constants
-    start = torch.zeros(known + 2, dtype=torch.float64)
+    start = torch.zeros(known + 3, dtype=torch.float64)
 
     def row(deviations: torch.Tensor) -> torch.Tensor:
         return physics.drive_row(view, contact.constants, contact.varied, deviations)
 
     found = row(start)
-    assert found.shape == (1 + known + 2, 3)
-    for value in range(2):
+    assert found.shape == (1 + known + 3, 3)
+    for value, moves in enumerate([True, True, False]):  # the accelerometer is in another row
         away = start.clone()
         away[known + value] = 1e-3
         change = 1e3 * (row(away)[0] - found[0])
-        assert bool((change != 0.0).any())
+        assert bool((change != 0.0).any()) == moves
         torch.testing.assert_close(found[1 + known + value], change, rtol=1e-6, atol=1e-9)
 
 
@@ -145,9 +146,14 @@ def test_what_sensors_and_drives_do_is_undone_from_an_observation() -> None:
         after = rows.corrected(Observed(packed, rate), values)
         return {k: after[:, k] for k in range(packed.shape[1]) if not _same(after, packed, k)}
 
-    pitch = changed("slope_bias", size)
-    assert list(pitch) == [8 * AXLES + 2]
-    torch.testing.assert_close(pitch[8 * AXLES + 2], packed[:, 8 * AXLES + 2] - 0.02)
+    alone = changed("slope_bias", torch.tensor([[0.02, 0.0]], dtype=torch.float64))
+    assert list(alone) == [8 * AXLES + 2]
+    pitch = packed[:, 8 * AXLES + 2] - 0.02
+    torch.testing.assert_close(alone[8 * AXLES + 2], pitch)
+    unit = changed("slope_bias", torch.tensor([[0.02, 1.0]], dtype=torch.float64))
+    assert list(unit) == [8 * AXLES + 2, 8 * AXLES + 4]
+    weight = LOADED.rover.gravity * (torch.sin(pitch + 0.02) - torch.sin(pitch))
+    torch.testing.assert_close(unit[8 * AXLES + 4], packed[:, 8 * AXLES + 4] - weight)
     torque = changed("drive_drag", size)
     assert list(torque) == [6 * AXLES + axle for axle in range(AXLES)]
     for place, value in torque.items():

@@ -23,6 +23,7 @@ from terrain_estimator.model.packed_observation import (
 from terrain_estimator.model.packing import (
     PackedView,
     view_of,
+    with_acceleration,
     with_contact_angle,
     with_pitch,
     with_sinkage,
@@ -134,6 +135,7 @@ REPLACED: dict[str, Callable[[Tensor], Tensor]] = {
     "contact_angle": lambda old: with_contact_angle(old, WHEEL),
     "torque": lambda old: with_torque(old, WHEEL),
     "pitch": lambda old: with_pitch(old, WHEEL[0], WHEELS),
+    "acceleration": lambda old: with_acceleration(old, WHEEL[0], WHEELS),
     "slip, slip_sd": lambda old: with_slip_and_sd(old, WHEEL, WHEEL),
     "step, linked": without_link,
 }
@@ -153,7 +155,7 @@ def test_a_replaced_part_is_the_only_one_that_changes(names: str, *, rates: bool
     for name in names.split(", "):
         expected = 0.0 if name in ("step", "linked") else WHEEL.tolist()
         found = getattr(after, name).tolist()
-        assert found == (WHEEL[0].item() if name == "pitch" else expected)
+        assert found == (WHEEL[0].item() if name in ("pitch", "acceleration") else expected)
 
 
 def test_a_stand_in_takes_the_place_of_the_wheels_that_are_not_usable_alone() -> None:

@@ -99,6 +99,7 @@ def readings(slip: Tensor, sinkage: float = 0.015, slip_sd: float = 0.01) -> Rea
         sinkage=torch.full_like(slip, sinkage),
         torque=torch.ones_like(slip),
         pitch=torch.zeros_like(slip[:, :1]),
+        acceleration=torch.zeros_like(slip[:, :1]),
         wheel_rate=torch.ones_like(slip),
     )
 
@@ -361,7 +362,7 @@ def test_wheels_that_fail_in_part_are_each_found() -> None:
     assert after.tolist() == pytest.approx((before * number(1.0, 0.1)).tolist(), rel=1e-4)
 
 
-def test_a_tilted_sensor_changes_the_pitch_and_not_the_specific_force() -> None:
+def test_a_tilted_attitude_sensor_changes_the_pitch_and_not_the_specific_force() -> None:
     generator = torch.Generator().manual_seed(1)
     drive = simulate(ROVER, Ground.constant(SOIL), "S1", 2.0, generator, 1)
     effect = make_effect("slope_bias", 0.03)
