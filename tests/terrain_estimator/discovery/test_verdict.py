@@ -103,6 +103,17 @@ def test_two_effects_are_named_where_the_second_closes_nearly_all_that_the_first
     assert is_pair(single, both, RULE) == verdict
 
 
+@pytest.mark.parametrize(("second", "verdict"), [(27.0, False), (190.0, False), (210.0, True)])
+def test_a_second_effect_that_adds_little_to_the_first_is_none(
+    second: float, *, verdict: bool
+) -> None:
+    """A right name of another law leaves something, which some other effect takes up."""
+    single = gains({"rate_dependence": 1796.0}, 1339.0, 1810.0)
+    names = LibraryEffect("rate_dependence"), LibraryEffect("multipass")
+    both = Gains(((Hypothesis(names), 1796.0 + second),), 1339.0, 1831.0, single=1796.0)
+    assert is_pair(single, both, RULE) == verdict
+
+
 def test_pairs_with_a_common_effect_are_told_apart_by_what_the_other_one_adds() -> None:
     named = tuple(
         (Hypothesis((LibraryEffect("payload"), LibraryEffect(name))), gain)
