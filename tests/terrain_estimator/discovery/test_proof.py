@@ -111,29 +111,25 @@ def test_held_out_runs_are_likelier_with_the_effect_only_where_they_have_it() ->
 def test_an_effect_is_added_that_helps_in_one_way_and_harms_in_none(
     rollouts: tuple[float, float], ahead: tuple[float, float], likelier: float, *, added: bool
 ) -> None:
-    gap = dataclasses.replace(proven(2).gap, improvement_95=rollouts, after=3.0, noise_floor=2.0)
+    gap = dataclasses.replace(proven(2).gap, improvement_95=rollouts, above_floor_95=(0.5, 1.5))
     assert better(gap, dataclasses.replace(gap, nll_improvement_95=ahead), likelier) == added
 
 
 @pytest.mark.parametrize(
-    ("after", "ahead", "added"),
+    ("above_floor", "ahead", "added"),
     [
-        (1.9, (0.1, 0.3), True),
-        (2.1, (0.1, 0.3), False),
-        (1.9, (-0.3, -0.1), False),
+        ((-0.1, 0.6), (0.1, 0.3), True),
+        ((0.1, 0.6), (0.1, 0.3), False),
+        ((-0.1, 0.6), (-0.3, -0.1), False),
+        (None, (0.1, 0.3), False),
     ],
 )
 def test_rollouts_that_miss_by_no_more_than_expected_refute_nothing(
-    after: float, ahead: tuple[float, float], *, added: bool
+    above_floor: tuple[float, float] | None, ahead: tuple[float, float], *, added: bool
 ) -> None:
-    """The floor is 2.0; without the effect they miss by less, by chance."""
+    """Without the effect they miss by less, by chance."""
     gap = dataclasses.replace(
-        proven(2).gap,
-        before=1.7,
-        after=after,
-        noise_floor=2.0,
-        closed_95=None,
-        improvement_95=(-0.4, -0.1),
+        proven(2).gap, closed_95=None, improvement_95=(-0.4, -0.1), above_floor_95=above_floor
     )
     step_gap = dataclasses.replace(proven(2).one_step_gap, nll_improvement_95=ahead)
     assert better(gap, step_gap, 9.0) == added
@@ -160,6 +156,15 @@ def test_an_effect_that_leaves_most_of_the_gap_is_not_added(
     assert better(gap, step_gap, 9.0) == added
     proof = dataclasses.replace(proven(2), gap=gap, one_step_gap=step_gap, added=added)
     assert ("a third is needed" in proof.sentence) != added
+
+
+def test_the_errors_of_a_right_effect_are_about_those_that_it_expects() -> None:
+    gap = proven(2).gap
+    assert gap.after is not None
+    assert gap.above_floor_95 is not None
+    low, high = gap.above_floor_95
+    assert low <= gap.after - gap.noise_floor <= high
+    assert low <= 0.0
 
 
 def test_a_name_that_did_not_prove_itself_is_withdrawn() -> None:

@@ -43,6 +43,7 @@ class Gap:
     )  # [1] (before - after) / (before - noise_floor); None where there was no gap
     closed_95: tuple[float, float] | None  # None where chance alone may have made the gap
     improvement_95: tuple[float, float] | None  # of before - after
+    above_floor_95: tuple[float, float] | None  # of after - noise_floor
     nll_improvement_95: (
         tuple[float, float] | None
     )  # [nat] of the negative log likelihood of one value
@@ -66,7 +67,15 @@ def gap_of(before: Predicted, after: Predicted | None, lengths: Sequence[int], s
     )
     if after is None:
         return Gap(
-            float(first(every)[0]), None, float(floor(every)[0]), None, None, None, None, pieces
+            float(first(every)[0]),
+            None,
+            float(floor(every)[0]),
+            None,
+            None,
+            None,
+            None,
+            None,
+            pieces,
         )
     second, floor = (
         _root_mean_square(after, after.misfit.numpy()),
@@ -80,6 +89,9 @@ def gap_of(before: Predicted, after: Predicted | None, lengths: Sequence[int], s
     def closed(rows: Rows) -> Floats:
         gap = first(rows) - floor(rows)
         return np.where(gap > 0.0, improvement(rows) / np.where(gap > 0.0, gap, 1.0), np.nan)
+
+    def above_floor(rows: Rows) -> Floats:
+        return second(rows) - floor(rows)
 
     gained, count = (before.surprise - after.surprise).numpy(), after.count.numpy()
 
@@ -96,6 +108,7 @@ def gap_of(before: Predicted, after: Predicted | None, lengths: Sequence[int], s
         share,
         ends,
         interval(improvement, drawn),
+        interval(above_floor, drawn),
         interval(likelier, drawn),
         pieces,
     )

@@ -283,10 +283,14 @@ def models_of(candidate: Candidate | None) -> tuple[Model, ...]:
 
 
 def better(gap: Gap, step_gap: Gap, likelier: float) -> bool:
-    """Apply the rule to rollouts, predictions of one second, and the log Bayes factor [nat]."""
+    """Apply the rule to rollouts, predictions of one second, and the log Bayes factor [nat].
+
+    Rollouts that get worse contradict an effect where they then miss by more than what the model
+    with it expects of its own error, beyond chance.
+    """
     rollouts, ahead = gap.improvement_95, step_gap.nll_improvement_95
     helps = any(ends is not None and ends[0] > 0.0 for ends in (rollouts, ahead))
-    expected = gap.after is not None and gap.after <= gap.noise_floor
+    expected = gap.above_floor_95 is not None and gap.above_floor_95[0] <= 0.0
     harms = rollouts is not None and rollouts[1] <= 0.0 and not expected
     harms = harms or (ahead is not None and ahead[1] <= 0.0)
     most = most_closed(gap, step_gap)
