@@ -25,7 +25,14 @@ from terrain_estimator.discovery.evidence.study import Candidate, Study
 from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
 from terrain_estimator.discovery.hypotheses.unknowns import Point
-from terramechanics.terrain.soil import CONSTANTS, Soil
+from terramechanics.terrain.soil import CONSTANTS, WONG_REECE, Soil
+
+LARGEST_PLACE = 1.1 * 0.43
+"""[1] Largest c1 that is fitted, where the file has no larger one.
+
+It is the largest one published, of compact sand (Wong and Reece 1967), and a tenth for sites. A
+force ahead of the wheels, such as that of soil which they push, looks like a larger one.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +83,8 @@ def revised(told: Study, start: Candidate, at: Study | None = None) -> RevisedSt
     """Return the study on the constants that the runs have in common beside a hypothesis.
 
     ``told`` is on the soil files; ``start`` is a fit of the hypothesis to the runs on the soils of
-    ``at``, by default those of the files. None where the constants that fit are none of a soil.
+    ``at``, by default those of the files. None where the constants that fit are none of a soil, or
+    the stress is largest where no soil is known to have it.
     """
     hypothesis = start.hypothesis
     together = fit_together(told, hypothesis, start.fit.point, (at or told).nominal)
@@ -85,6 +93,8 @@ def revised(told: Study, start: Candidate, at: Study | None = None) -> RevisedSt
     try:
         soils = _changed(told, changes)
     except ConfigError:
+        return None
+    if not all(_is_known(*each) for each in soils.items()):
         return None
     nominal = dataclasses.replace(told.nominal, revised=tuple(soils.items()))
     return _on(told, hypothesis, nominal, together.point.with_shared(values))
@@ -123,6 +133,11 @@ def _changed(study: Study, changes: Tensor) -> dict[Soil, Soil]:
     for told, change in zip(soils, changes.view(len(soils), -1), strict=True):
         found[told] = _soil(told, changed_constants(study.nominal, told, change))
     return found
+
+
+def _is_known(told: Soil, found: Soil) -> bool:
+    """Return whether the largest stress is where some soil is known to have it."""
+    return found.law != WONG_REECE or found.c1 <= max(LARGEST_PLACE, told.c1)
 
 
 def _soil(told: Soil, constants: Tensor) -> Soil:
