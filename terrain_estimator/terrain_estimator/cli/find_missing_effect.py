@@ -32,11 +32,12 @@ from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import read_thresholds
-from terrain_estimator.discovery.hypotheses.library import singles
+from terrain_estimator.discovery.hypotheses.library import Hypothesis, singles
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
-from terrain_estimator.discovery.proof.soil_proof import proven
-from terrain_estimator.discovery.report.diagnosis import diagnose
-from terrain_estimator.discovery.report.investigation import investigate
+from terrain_estimator.discovery.proof.soil_proof import Proven, proven_or_told
+from terrain_estimator.discovery.report.diagnosis import Diagnosis, diagnose
+from terrain_estimator.discovery.report.finding import part_of
+from terrain_estimator.discovery.report.investigation import investigate, investigate_as_told
 from terrain_estimator.files.journal_file import JournalError
 from terrain_estimator.files.results import ResultFolder
 from terrain_estimator.learning.finding_model import (
@@ -135,10 +136,7 @@ def search(options: argparse.Namespace) -> int:
             unseen = kept.blocks
             refuse_equal([*usable.blocks, *unseen])
             study = Study(nominal, usable.blocks, contributions=usable.contributions)
-            finding = investigate(study, hypotheses, read_thresholds(), report.at, soils.at_hand)
-            diagnosis = diagnose(study, hypotheses, finding, report.at)
-            report.at(0.97, "held-out runs")
-            outcome = proven(finding, study, unseen, options.seed, kept.contributions)
+            outcome, diagnosis = _answer(options, study, hypotheses, soils, kept, report)
         told = {
             "damaged": usable.damaged | kept.damaged,
             "left_out": [*usable.left_out, *kept.left_out],
@@ -182,6 +180,24 @@ def search(options: argparse.Namespace) -> int:
         + "\n"
     )
     return 0
+
+
+def _answer(
+    options: argparse.Namespace,
+    study: Study,
+    hypotheses: list[Hypothesis],
+    soils: RunSoils,
+    held_out: Runs,
+    report: ProgressReport,
+) -> tuple[Proven, Diagnosis]:
+    """Return the finding with the held-out runs counted, and what stands beside it."""
+    searched = study, hypotheses, read_thresholds()
+    finding = investigate(*searched, part_of(report.at, 0.0, 0.85), soils.at_hand)
+    report.at(0.85, "held-out runs")
+    as_told = partial(investigate_as_told, *searched, part_of(report.at, 0.9, 0.95))
+    kept = held_out.blocks, options.seed, held_out.contributions
+    finding, outcome = proven_or_told(finding, study, as_told, *kept)
+    return outcome, diagnose(study, hypotheses, finding, report.at)
 
 
 def _model_note(rover: Rover, base: str) -> str:

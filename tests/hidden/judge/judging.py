@@ -18,6 +18,7 @@ Such a case counts as wrong, too: "no drive".
 
 import tempfile
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +29,9 @@ from terrain_estimator.discovery.evidence.verdict import Verdict, read_threshold
 from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
 from terrain_estimator.discovery.proof.proof import Proof
-from terrain_estimator.discovery.proof.soil_proof import proven
+from terrain_estimator.discovery.proof.soil_proof import proven_or_told
 from terrain_estimator.discovery.report.finding import Finding
-from terrain_estimator.discovery.report.investigation import investigate
+from terrain_estimator.discovery.report.investigation import investigate, investigate_as_told
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.offline.reading_runs import read_run_of
 from terramechanics.presets import load_rover, load_soil, soil_names
@@ -83,9 +84,10 @@ def investigated(bags: list[Path], soil: str, rover: Rover | None = None) -> Ans
     unseen = read_run_of(nominal, bags[-1], held_out=True).blocks
     study = Study(nominal, [blocks for blocks in found if isinstance(blocks, Blocks)])
     at_hand = [load_soil(name) for name in soil_names()]
-    finding = investigate(study, singles(), read_thresholds(), lambda _share, _label: None, at_hand)
+    given = (study, singles(), read_thresholds(), lambda _share, _label: None)
+    finding = investigate(*given, at_hand)
     runs = [unseen] if isinstance(unseen, Blocks) else []
-    outcome = proven(finding, study, runs)
+    finding, outcome = proven_or_told(finding, study, partial(investigate_as_told, *given), runs)
     return Answer(outcome.finding, finding, outcome.proof, studied)
 
 

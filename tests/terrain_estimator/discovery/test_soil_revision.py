@@ -4,7 +4,7 @@
 
 import dataclasses
 import math
-from functools import cache
+from functools import cache, partial
 
 import pytest
 import torch
@@ -17,12 +17,13 @@ from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
-from terrain_estimator.discovery.proof.soil_proof import Proven, proven
+from terrain_estimator.discovery.proof.soil_proof import Proven, proven, proven_or_told
 from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.discovery.report.investigation import (
     LEAST_BESIDE,
     besides_soil,
     investigate,
+    investigate_as_told,
 )
 from terrain_estimator.discovery.runs import Blocks, RecordedRun, cut
 from terrain_estimator.learning.tasks import measure_tasks
@@ -42,15 +43,15 @@ STRENGTH = ((2500.0, 0.6), (1500.0, 0.7), (3500.0, 0.5))
 
 
 @cache
-def runs(payload_kg: float, toward_told: float = 0.0) -> tuple[Blocks, ...]:
+def runs(size: float, toward_told: float = 0.0, effect: str = "payload") -> tuple[Blocks, ...]:
     """Return drives on sand whose constants are by a share on the way to those of regolith."""
     generator = torch.Generator().manual_seed(20261125)
     strength = torch.tensor(STRENGTH, dtype=torch.float64)
     constants = TRUE.constants() * (TOLD.constants() / TRUE.constants()) ** toward_told
     ground = Ground([Patch(constants, strength)])
-    sizes = torch.full((3,), payload_kg, dtype=torch.float64)
-    load = GENERATORS["payload"].make(Draw(sizes, torch.zeros(3, dtype=torch.long), sizes))
-    plant = Plant([load]) if payload_kg else None
+    sizes = torch.full((3,), size, dtype=torch.float64)
+    acting = GENERATORS[effect].make(Draw(sizes, torch.zeros(3, dtype=torch.long), sizes))
+    plant = Plant([acting]) if size else None
     drive = simulate(MARS, ground, "S1", 35.0, generator, 3, plant=plant)
     packed = measure_tasks(drive, Noise(), generator).measured
     time = torch.arange(packed.shape[1], dtype=torch.float64) * 0.1
@@ -105,6 +106,28 @@ def test_held_out_runs_prove_the_constants_or_refute_them() -> None:
     assert outcome.soil.sentence.startswith("the revised soils hold on held-out runs")
 
 
+@pytest.mark.parametrize(("payload_kg", "named"), [(25.0, True), (0.0, False)])
+def test_where_held_out_runs_refute_the_soils_a_name_on_those_told_is_the_answer(
+    payload_kg: float, *, named: bool
+) -> None:
+    """Held-out drives on the soil as told, after drives on another one."""
+    finding, told = found(0.0, "regolith"), study(payload_kg, "loose_sand")
+    given = (told, singles(("payload", "slope_bias")), read_thresholds())
+    as_told = partial(investigate_as_told, *given, lambda _share, _label: None)
+    right = Study(nominal_of(MARS, TOLD), runs(0.0, 1.0)[:2])
+    with torch.inference_mode():
+        asked, outcome = proven_or_told(finding, right, as_told, runs(payload_kg, 1.0)[2:])
+    assert outcome.soil_refuted
+    assert outcome.soil_sentence.startswith("the revised soils do not hold on held-out runs")
+    if named:
+        assert (asked.soil, outcome.finding.judgement.verdict) == (None, Verdict.NAMED)
+        assert outcome.finding.judgement.named[0].names == ("payload",)
+        assert soils_content(outcome) == []
+    else:
+        assert asked is finding
+        assert outcome.finding.judgement.verdict is Verdict.UNKNOWN
+
+
 def test_an_effect_is_named_beside_a_wrong_soil_file() -> None:
     finding = found(25.0, "regolith")
     assert finding.judgement.verdict is Verdict.NAMED
@@ -130,6 +153,22 @@ def test_the_file_of_the_right_soil_is_found_among_those_at_hand(
         assert finding.judgement.named[0].names == ("payload",)
         ((_, size, sd),) = finding.best.sizes
         assert abs(size - payload_kg) < 3.0 * sd
+
+
+def test_a_wedge_ahead_of_the_wheels_is_not_taken_for_a_soil_that_nobody_knows() -> None:
+    """Constants explain as much as the effect, whose law is another, but with a c1 of 0.57."""
+    with torch.inference_mode():
+        pushing = Study(nominal_of(MARS, TRUE), runs(0.6, effect="bulldozing")[:2])
+        assert revised(pushing, pushing.nothing) is None
+        finding = investigate(
+            pushing,
+            singles(("bulldozing", "payload")),
+            read_thresholds(),
+            lambda _share, _label: None,
+        )
+    assert finding.judgement.verdict is Verdict.NAMED
+    assert finding.judgement.named[0].names == ("bulldozing",)
+    assert finding.soil is None
 
 
 def test_on_ground_between_two_files_no_effect_is_named_for_the_lack_of_a_third() -> None:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The proof of revised soil constants on held-out runs, and of a whole finding."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -83,7 +83,8 @@ class Proven:
 
     finding: Finding
     proof: Proof | None = None  # None where no run is held out
-    # None where the soils are those of the files, or no held-out run is on a revised one
+    # of the revised soils, also where the finding is one on the soils as told because they failed;
+    # None where no soils were revised, or no held-out run is on a revised one
     soil: SoilProof | None = None
 
     @property
@@ -94,10 +95,10 @@ class Proven:
     @property
     def soil_sentence(self) -> str:
         """The outcome for revised constants in words; empty where there are none."""
-        if self.finding.soil is None or self.proof is None:
-            return ""
         if self.soil is not None:
             return self.soil.sentence
+        if self.finding.soil is None or self.proof is None:
+            return ""
         names = " or ".join(each.told.name for each in self.finding.soil.revisions)
         return f"no held-out run is on soil {names}: the revised soil is unproven"
 
@@ -131,6 +132,28 @@ def proven(
         return Proven(after, proof)
     soil = prove_soil(study.nominal, there, best, runs, proof, seed, contributions)
     return Proven(after if soil.holds else _refuted(after), proof, soil)
+
+
+def proven_or_told(
+    finding: Finding,
+    study: Study,
+    as_told: Callable[[], Finding],
+    runs: Sequence[Blocks],
+    seed: int = 0,
+    contributions: Contributions | None = None,
+) -> tuple[Finding, Proven]:
+    """Prove a finding or, where held-out runs refute its soils, the one on the soils as told.
+
+    The latter is the answer where it has a name that proves itself. Returns the finding that was
+    proven and the outcome, see :func:`proven`.
+    """
+    outcome = proven(finding, study, runs, seed, contributions)
+    if outcome.soil_refuted:
+        told = as_told()
+        again = proven(told, study, runs, seed, contributions)
+        if again.finding.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE):
+            return told, replace(again, soil=outcome.soil)
+    return finding, outcome
 
 
 def _refuted(finding: Finding) -> Finding:

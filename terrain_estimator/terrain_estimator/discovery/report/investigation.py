@@ -115,6 +115,17 @@ def investigate(
     return _weighed(told, tried, thresholds)
 
 
+def investigate_as_told(
+    study: Study,
+    hypotheses: Sequence[Hypothesis],
+    thresholds: Thresholds,
+    progress: ProgressCallback,
+) -> Finding:
+    """Search which effects are missing on the soils as told, without others."""
+    single = explain_singly(study, hypotheses, thresholds, part_of(progress, 0.0, 0.4))
+    return complete(study, hypotheses, thresholds, single, part_of(progress, 0.4, 1.0))
+
+
 def _is_in_doubt(study: Study, single: Singles, thresholds: Thresholds) -> bool:
     """Return whether the soils may be others than told.
 
