@@ -3,10 +3,8 @@
 """The estimator: one observation in, one update out, without a clock, a log or a file."""
 
 import dataclasses
-import functools
 import math
-import sys
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +12,15 @@ from numpy.typing import NDArray
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.consistency import Consistency, SecondFit, limit
+from terrain_estimator.estimator.deciding import Deciding, is_failure, without_rows
 from terrain_estimator.estimator.forecasting import Forecast, Forecasting
 from terrain_estimator.estimator.intake import Intake
 from terrain_estimator.estimator.off_plane import SingleWheels
 from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, State, judged
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
 from terrain_estimator.estimator.screening import Screening, advised, as_configured, screen
-from terrain_estimator.estimator.soundness import unsound, unsound_answer, unsound_fit
-from terrain_estimator.estimator.summary import Beliefs, deviation, inflated, summarise
+from terrain_estimator.estimator.soundness import unsound_answer, unsound_fit
+from terrain_estimator.estimator.summary import Beliefs, Summary, named, summary_of
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.packed_observation import (
     LONGEST_GAP,
@@ -31,28 +30,23 @@ from terrain_estimator.model.packed_observation import (
     pack,
 )
 from terrain_estimator.model.report import Report
-from terrain_estimator.model.row_names import BESIDE, ROLL_MOMENT
 from terrain_estimator.model.runtime import RuntimeState
-from terrain_estimator.observation import OFF_PLANE, Floats, Observation
+from terrain_estimator.observation import OFF_PLANE, Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import (
     NOTHING_PREDICTED,
     Decision,
     Disagreement,
     Estimate,
-    NamedEffect,
     Prediction,
     Update,
 )
 
-_NAN, _EPSILON = math.nan, sys.float_info.epsilon
 _PATIENCE = 15
 """Blocks in a row that fit no ground at all, after which the prior holds again.
 
 A rover whose axles are on different ground while it crosses a border passes within that time.
 """
-# [1] a squared distance further below zero is the difference of huge terms, without a posterior
-_ROUNDING = 1.0
 
 
 class Estimator:
@@ -67,12 +61,11 @@ class Estimator:
         self._runtime = model.runtime
         self._rover = model.rover
         self._rows, self._stations = model.rows, model.metadata.stations
-        self._moments = tuple(row for row in model.rows if "moment" in row)
-        self._beside = tuple(row for row in model.rows if row in BESIDE)
         self._effects = model.effects
         config = config.of_model(by_wheel=bool(model.metadata.wheels))
         self._config, self._balances_sinkage = config, model.balances_sinkage
         self._wheels, self._body = SingleWheels.of(model.metadata), _turning_body(model)
+        self._deciding = Deciding.of(model, self._wheels)
         if not (config.use_sinkage or model.balances_sinkage):
             raise ConfigError(
                 f"parameter use_sinkage: model {model.model_id} needs every sinkage: it has named"
@@ -138,13 +131,11 @@ class Estimator:
         if screening.outcome.used:
             return self._learn(screening)
         detail = advised(screening, self._config).detail
-        return self._answer(
-            observation.stamp_ns, Decision(screening.outcome, (), _NAN, _NAN, 0, detail)
-        )
+        return self._answer(observation.stamp_ns, without_rows(screening.outcome, detail))
 
     def reject(self, stamp_ns: int, outcome: Outcome, detail: str) -> Update:
         """Answer for an observation that could not even be formed."""
-        return self._answer(stamp_ns, Decision(outcome, (), _NAN, _NAN, 0, detail))
+        return self._answer(stamp_ns, without_rows(outcome, detail))
 
     @property
     def last_stamp_ns(self) -> int | None:
@@ -279,7 +270,7 @@ class Estimator:
         if math.isnan(observation.sinkage[0]) and not all(map(math.isfinite, torque)):
             # the part that turns the wheel is unknown, and with it the torque on the ground
             detail = "a sinkage is missing, and a wheel rate, too: measure one of them"
-            return Decision(Outcome.NOT_FINITE, (), _NAN, _NAN, 0, detail), None
+            return without_rows(Outcome.NOT_FINITE, detail), None
         rates, body = bool(self._effects), self._body
         packed = pack(observation, torque, step_s, linked=linked, rates=rates, body=body)
         state = self._runtime.update(self._state, packed)
@@ -294,35 +285,20 @@ class Estimator:
             self._summarise()
         # no acceleration is known right after a gap
         forecast = Forecast(report.forecast, report.forecast_variance, observation.velocity_sd**2)
-        return self._accepted(screening, torque, report, settled), forecast
+        accepted = self._deciding.accepted(screening, torque, report.distance, self._gate, settled)
+        return accepted, forecast
 
     def _refuse(self, observation: Observation, report: Report) -> Decision | None:
         """Return the reason why the new state must not replace the old one; None where it may."""
-        if not report.finite or report.misfit < -_ROUNDING:
+        if is_failure(report):
             settled = self._discard_block()
             kept = "the posterior is kept, that second is left out" + self._contradict()
             detail = f"a number became infinite or NaN, or rounding ate the last second: {kept}"
-            return Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail, settled)
+            return without_rows(Outcome.NUMERICAL_FAILURE, detail, settled)
         if not all(report.usable):
-            outside = [k for k, usable in enumerate(report.usable) if not usable]
-            which = f"axles {outside}"
-            if self._wheels:
-                which = f"wheels {', '.join(self._wheels.names[k] for k in outside)}"
-            needed = ", or have no wheel rate, which this model needs" if self._effects else ""
-            return Decision(
-                Outcome.OUT_OF_RANGE,
-                (),
-                _NAN,
-                _NAN,
-                0,
-                f"{which} are outside the model's range{needed}",
-            )
+            return self._deciding.out_of_range(report.usable)
         if report.distance > self._gate:
-            detail = (
-                f"velocity {observation.velocity:.4g} m/s, expected"
-                f" {observation.velocity - report.innovation:.4g} m/s"
-            )
-            return Decision(Outcome.GATED, (), report.distance, self._gate, 1, detail)
+            return self._deciding.gated(observation.velocity, report, self._gate)
         return None
 
     def _refuse_block(self, report: Report) -> Decision | None:
@@ -369,49 +345,19 @@ class Estimator:
         self._intake.wait(min(passed_s, LONGEST_GAP * self._step_s))
         return self._intake.take() if report.closed and not after_gap else settled
 
-    def _accepted(
-        self, screening: Screening, torque: list[float], report: Report, settled: int
-    ) -> Decision:
-        distance, observation = report.distance, screening.observation
-        # less what turns the wheel, which is unknown without its rate
-        moments = self._moments if math.isfinite(observation.bogie_angle) else ()
-        if math.isnan(observation.sinkage[0]):  # the other balances are spent on the sinkages
-            balances = tuple(row for row in moments if row == ROLL_MOMENT)
-        else:
-            balances = ("load", *moments)
-        rows = _rows(
-            tuple(map(math.isfinite, torque)), math.isfinite(observation.acceleration), balances
-        )
-        rows += self._beside
-        threshold = self._gate if math.isfinite(self._gate) else _NAN  # no gate applies
-        return Decision(
-            screening.outcome,
-            rows,
-            distance,
-            threshold,
-            0 if math.isnan(distance) else 1,
-            screening.detail,
-            settled,
-        )
-
     def _summarise(self) -> None:
         """Publish the present state from the next answer on."""
         self._published = self._summary(self._state, self._doubt)
 
-    def _summary(self, state: RuntimeState, doubt: float) -> "Summary":
-        """Return the estimate of a state, with NaN where its numbers give none."""
-        values = self._runtime.estimate(state)
-        mean, covariance = inflated(values[0], values[1:], self._beliefs, doubt)
-        soils = tuple([min(probability, 1.0) for probability in self._runtime.soils(state)])
-        estimate = summarise(mean, covariance, self._beliefs, soils)
-        if self._effects:
-            sizes = self._runtime.effects(state).tolist()
-            effects = [
-                NamedEffect(effect.name, effect.unit, mean, deviation(variance))
-                for effect, (mean, variance) in zip(self._effects, sizes, strict=True)
-            ]
-            estimate = estimate._replace(effects=tuple(effects))
-        return Summary(estimate, _condition(covariance), unsound(estimate))
+    def _summary(self, state: RuntimeState, doubt: float) -> Summary:
+        """Return what a state says of the ground."""
+        return summary_of(
+            self._runtime.estimate(state),
+            self._runtime.soils(state),
+            self._beliefs,
+            doubt,
+            named(self._effects, self._runtime.effects(state)) if self._effects else (),
+        )
 
     def _answer(
         self, stamp_ns: int, decision: Decision, prediction: Prediction | None = None
@@ -429,7 +375,7 @@ class Estimator:
             self._judge()
             self.reopened += 1
             detail = f"{reason}: it is not published, and the prior holds again"
-            failure = Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail, settled)
+            failure = without_rows(Outcome.NUMERICAL_FAILURE, detail, settled)
             update = self._update(stamp_ns, failure, NOTHING_PREDICTED)
         self._sequence += 1
         return update
@@ -472,32 +418,3 @@ def _turning_body(model: LoadedModel) -> TurningBody | None:
     rover = model.rover
     body = TurningBody(rover.wheel_radius, rover.gravity, rover.centre_of_mass_x)
     return body if model.metadata.wheels else None
-
-
-@functools.lru_cache
-def _rows(
-    torques: tuple[bool, ...],
-    acceleration: bool,  # noqa: FBT001 (of a cached function)
-    balances: tuple[str, ...],
-) -> tuple[str, ...]:
-    """Return the rows of an observation by what it measured, and the ``balances`` that are left."""
-    rows = ["velocity", *balances[:1]]
-    rows += [f"torque_{axle}" for axle, known in enumerate(torques) if known]
-    rows += ["acceleration"] if acceleration else []
-    return (*rows, *balances[1:])
-
-
-def _condition(covariance: Floats) -> float:
-    """Return the condition number of the 2 x 2 covariance scaled to unit diagonal."""
-    (cohesion, shared), (_, friction) = covariance.tolist()
-    spread = deviation(cohesion * friction)
-    correlation = abs(shared) / spread if spread > 0.0 else _NAN
-    return (1.0 + correlation) / max(1.0 - correlation, _EPSILON)
-
-
-class Summary(NamedTuple):
-    """What the state says of the ground."""
-
-    estimate: Estimate
-    condition: float  # [1] number of the covariance of c and tan phi, scaled to unit diagonal
-    unsound: str  # the reason why it must not be published; empty where it may be

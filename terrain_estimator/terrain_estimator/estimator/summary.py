@@ -3,17 +3,21 @@
 """The posterior of the ground as intervals, and whether the data or the prior set them."""
 
 import math
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.distributions import normal_cdf_at
+from terrain_estimator.estimator.soundness import unsound
 from terrain_estimator.intervals import credible_bounds
-from terrain_estimator.model.metadata import Metadata
+from terrain_estimator.model.metadata import AddedEffect, Metadata
 from terrain_estimator.observation import Floats
-from terrain_estimator.update import Estimate, Seconds
+from terrain_estimator.update import Estimate, NamedEffect, Seconds
 
 IDENTIFIED_VARIANCE = 0.1
 """[1] Largest share of the prior variance that the data leave of an identified parameter."""
@@ -56,6 +60,50 @@ class Beliefs:
             soils,
             tuple(p / sum(probable) for p in probable),
         )
+
+
+class Summary(NamedTuple):
+    """What a state says of the ground."""
+
+    estimate: Estimate
+    condition: float  # [1] number of the covariance of c and tan phi, scaled to unit diagonal
+    unsound: str  # the reason why it must not be published; empty where it may be
+
+
+def summary_of(
+    moments: Floats,
+    soil_probability: Sequence[float],
+    beliefs: Beliefs,
+    doubt: float,
+    effects: tuple[NamedEffect, ...],
+) -> Summary:
+    """Return the summary of a posterior, with NaN where its numbers give none.
+
+    ``moments`` [3, 2] are mean and covariance of (c [Pa], tan phi); ``doubt`` as in
+    :func:`inflated`.
+    """
+    mean, covariance = inflated(moments[0], moments[1:], beliefs, doubt)
+    soils = tuple([min(probability, 1.0) for probability in soil_probability])
+    estimate = summarise(mean, covariance, beliefs, soils)
+    if effects:
+        estimate = estimate._replace(effects=effects)
+    return Summary(estimate, _condition(covariance), unsound(estimate))
+
+
+def named(effects: Sequence[AddedEffect], moments: Floats) -> tuple[NamedEffect, ...]:
+    """Return the effects with mean and deviation of their sizes, from ``moments`` [J, 2]."""
+    return tuple(
+        NamedEffect(effect.name, effect.unit, mean, deviation(variance))
+        for effect, (mean, variance) in zip(effects, moments.tolist(), strict=True)
+    )
+
+
+def _condition(covariance: Floats) -> float:
+    """Return the condition number of the 2 x 2 covariance scaled to unit diagonal."""
+    (cohesion, shared), (_, friction) = covariance.tolist()
+    spread = deviation(cohesion * friction)
+    correlation = abs(shared) / spread if spread > 0.0 else math.nan
+    return (1.0 + correlation) / max(1.0 - correlation, sys.float_info.epsilon)
 
 
 def inflated(
