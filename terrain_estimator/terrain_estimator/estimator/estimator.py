@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.estimator.configured import as_configured
 from terrain_estimator.estimator.consistency import Consistency, SecondFit, limit
 from terrain_estimator.estimator.deciding import Deciding, is_failure, without_rows
 from terrain_estimator.estimator.forecasting import Forecast, Forecasting
@@ -18,7 +19,7 @@ from terrain_estimator.estimator.intake import Intake
 from terrain_estimator.estimator.off_plane import SingleWheels
 from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, State, judged
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
-from terrain_estimator.estimator.screening import Screening, advised, as_configured, screen
+from terrain_estimator.estimator.screening import Screening, advised, screen
 from terrain_estimator.estimator.soundness import unsound_answer, unsound_fit
 from terrain_estimator.estimator.summary import Beliefs, Summary, named, summary_of
 from terrain_estimator.model.loaded import LoadedModel

@@ -33,6 +33,11 @@ Refusal = tuple[Outcome, str] | None
 """The outcome and its detail; None where nothing is refused."""
 
 
+def is_deviation(value: float) -> bool:
+    """Return whether a number can be a standard deviation; NaN cannot."""
+    return DEVIATIONS[0] <= value <= DEVIATIONS[1]
+
+
 def refuse_off_plane(
     observation: Observation, rims: list[float], rover: Rover, config: CoreConfig
 ) -> Refusal:
@@ -126,7 +131,7 @@ def refuse_motion(observation: Observation, wheels: SingleWheels) -> Refusal:
         if abs(value) > limit:
             return Outcome.OUT_OF_RANGE, f"{what} {value:g} is not within +-{limit:g}"
         deviation = getattr(observation, f"{name}_sd", 1.0)
-        if not DEVIATIONS[0] <= deviation <= DEVIATIONS[1]:
+        if not is_deviation(deviation):
             return Outcome.BAD_DEVIATION, f"the standard deviation of {what} is {deviation:g}"
     pulled = abs(observation.lateral_velocity * observation.yaw_rate)
     if pulled > _STRONGEST_TURN * wheels.gravity:

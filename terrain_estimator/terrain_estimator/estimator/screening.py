@@ -13,40 +13,33 @@ value, would bias what is left. So a sinkage that noise makes slightly negative 
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.estimator.configured import STEEPEST_BOGIE
+from terrain_estimator.estimator.moving import refuse_reverse, refuse_standstill, rims_of
 from terrain_estimator.estimator.off_plane import (
     DEVIATIONS,
     FASTEST,
     Refusal,
     SingleWheels,
+    is_deviation,
     refuse_motion,
     refuse_off_plane,
 )
+from terrain_estimator.estimator.wheel_faults import faults_of, worst
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 from terramechanics.vehicle.rover import Rover
-from terramechanics.vehicle.wheel_places import UNDECIDED, wheel_order
-
-NOISE_BOUND = 4.0
-"""[standard deviations] Reach of noise; a value further outside its range is a sensor error."""
+from terramechanics.vehicle.wheel_places import UNDECIDED
 
 # Beyond these limits a sensor is broken or a unit is wrong.
 STRONGEST_TORQUE = 1e6  # [N m]
 STRONGEST_ACCELERATION = 1e3  # [m/s^2]
-_PERCENTAGE = 2.0  # [1] a slip beyond it, either way, is hardly a ratio
-_OTHER_UNIT = 3.0  # [wheel radii] a sinkage beyond it is hardly in metres
-_STEEPEST_GROUND = math.pi / 2.0  # [rad]
-_STEEPEST_BOGIE = 1.2  # [rad] no bogie turns further: an encoder in degrees, or without its zero
 _SPIN_BOUND = 2.0
 """[standard deviations] Noise allowed to a slip near 1 where a sinkage is missing."""
-_STANDSTILL_BOUND = (
-    3.0  # [standard deviations] noise allowed to the velocity of a rover that stands
-)
 
 
 class Screening(NamedTuple):
@@ -71,16 +64,16 @@ def screen(
     ``sinkage_needed`` says that no balance may replace a sinkage. ``wheels`` are those of a
     model by wheel, which may turn and back out; None: the model is by axle.
     """
-    rims, names = _rims(observation, rover.wheel_radius), _names(observation, wheels)
+    rims, names = rims_of(observation, rover.wheel_radius), _names(observation, wheels)
     refusal = (
         _refuse_time(observation.stamp_ns, previous_stamp_ns)
-        or _refuse_standstill(observation, rims, config.standstill_speed)
+        or refuse_standstill(observation, rims, config.standstill_speed)
         or _refuse_scalars(observation)
     )
     if wheels is None:
         refusal = (
             refusal
-            or _refuse_reverse(observation, rims, config.standstill_speed)
+            or refuse_reverse(observation, rims, config.standstill_speed)
             or refuse_off_plane(observation, rims, rover, config)
         )
     else:
@@ -111,15 +104,10 @@ def impossible(observation: Observation, wheel_radius_m: float, *, by_wheel: boo
     refusal = _refuse_scalars(observation)
     if refusal is not None:
         return refusal[1]
-    rims = _rims(observation, wheel_radius_m)
+    rims = rims_of(observation, wheel_radius_m)
     config = CoreConfig().of_model(by_wheel=by_wheel)
     screening = _mask(observation, rims, wheel_radius_m, config, _names(observation, None))
     return "" if screening.outcome is Outcome.ACCEPTED else screening.detail
-
-
-def _rims(observation: Observation, radius: float) -> list[float]:
-    """Return the speeds [m/s] of the rims whose rates are known."""
-    return [rate * radius for rate in observation.wheel_rate.tolist() if not math.isnan(rate)]
 
 
 def _refuse_time(stamp_ns: int, previous_stamp_ns: int | None) -> Refusal:
@@ -132,56 +120,6 @@ def _refuse_time(stamp_ns: int, previous_stamp_ns: int | None) -> Refusal:
         (
             f"stamp {stamp_ns / 1e9:.9f} s is {(previous_stamp_ns - stamp_ns) / 1e9:.9f} s before"
             " the last one"
-        ),
-    )
-
-
-def _refuse_standstill(observation: Observation, rims: list[float], threshold: float) -> Refusal:
-    """Refuse a rover that stands.
-
-    The wheels' rims decide, which are exact; the velocity only where no wheel rate is measured. A
-    rover that is stuck with its wheels turning (slip near 1) does not stand.
-    """
-    if rims:
-        return (
-            (Outcome.STANDSTILL, f"no wheel's rim is faster than {threshold:g} m/s")
-            if max(map(abs, rims)) < threshold
-            else None
-        )
-    defined = any(not math.isnan(slip) for slip in observation.slip.tolist())
-    noise = observation.velocity_sd if math.isfinite(observation.velocity_sd) else 0.0
-    bound = threshold if defined else threshold + _STANDSTILL_BOUND * noise
-    if abs(observation.velocity) < bound:
-        return (
-            Outcome.STANDSTILL,
-            f"the velocity {observation.velocity:.4g} m/s is below {bound:.3g} m/s",
-        )
-    return None
-
-
-def backwards(observation: Observation, radius: float, threshold: float) -> bool:
-    """Return whether a rover that does not stand drives backwards.
-
-    No rim is then faster forward than ``threshold`` [m/s]. The model is of forward driving: its
-    thrust would point the wrong way.
-    """
-    return _backwards(observation, _rims(observation, radius), threshold)
-
-
-def _backwards(observation: Observation, rims: list[float], threshold: float) -> bool:
-    if rims:
-        return max(rims) < threshold
-    return observation.velocity < -(threshold + _STANDSTILL_BOUND * observation.velocity_sd)
-
-
-def _refuse_reverse(observation: Observation, rims: list[float], threshold: float) -> Refusal:
-    if not _backwards(observation, rims, threshold):
-        return None
-    return (
-        Outcome.OUT_OF_RANGE,
-        (
-            "the rover drives backwards, or its wheel rates have the wrong sign: the model is of"
-            " forward driving"
         ),
     )
 
@@ -208,13 +146,9 @@ def _refuse_scalars(observation: Observation) -> Refusal:
             f"velocity {observation.velocity:g} m/s is not within +-{FASTEST:g}",
         )
     for name, _, deviation in required:
-        if not _is_deviation(deviation):
+        if not is_deviation(deviation):
             return Outcome.BAD_DEVIATION, f"the standard deviation of {name} is {deviation:g}"
     return None
-
-
-def _is_deviation(value: float) -> bool:
-    return DEVIATIONS[0] <= value <= DEVIATIONS[1]
 
 
 def _mask(
@@ -225,18 +159,9 @@ def _mask(
     names: list[str],
 ) -> Screening:
     """Mask optional sensors that cannot be used; refuse where an axle cannot."""
-    if not _are_usable(observation, radius, config):
-        faults = [
-            (axle, fault)
-            for axle, wheel in enumerate(_wheels(observation))
-            if (fault := _wheel_fault(wheel, radius, config))
-        ]
-        if faults:
-            return Screening(
-                _worst(fault[0] for _, fault in faults),
-                observation,
-                "; ".join(f"{names[axle]}: {fault[1]}" for axle, fault in faults),
-            )
+    if faults := faults_of(observation, radius, config):
+        detail = "; ".join(f"{names[each.wheel]}: {each.detail}" for each in faults)
+        return Screening(worst(faults), observation, detail)
     changes: dict[str, Floats | float] = {}
     details = [
         *_mask_rates(observation, rims, radius, changes, names),
@@ -289,133 +214,14 @@ def _lacking(observation: Observation) -> str:
     return " and ".join(name for name, lacks in needed.items() if lacks)
 
 
-def as_configured(observation: Observation, rover: Rover, config: CoreConfig) -> Observation:
-    """Return the observation with the sensors that ``config`` uses.
-
-    Those that it switches off are NaN, and missing contact angles are what it supposes.
-    """
-    changes: dict[str, Floats | float] = {}
-    if config.contact_angle_sd and np.isnan(observation.contact_angle).any():
-        changes |= _supposed_angles(observation, rover, config.contact_angle_sd)
-    if not config.use_sinkage:
-        changes["sinkage"] = np.full_like(observation.sinkage, np.nan)
-    if not config.use_torque:
-        changes["torque"] = np.full_like(observation.torque, np.nan)
-    if not config.use_imu:
-        changes["acceleration"] = math.nan
-    if not config.use_moments:
-        changes["bogie_angle"] = math.nan
-    if not changes:
-        return observation
-    return dataclasses.replace(observation, **changes)  # type: ignore[arg-type]
-
-
-def _supposed_angles(observation: Observation, rover: Rover, deviation: float) -> dict[str, Floats]:
-    """Return contact angles in which missing ones are along the body, or along the wheel's bogie.
-
-    A bogie whose angle is not known leaves those of its wheels missing.
-    """
-    plane, bogie = np.zeros_like(observation.contact_angle), possible_bogie(observation)
-    axles: Sequence[int] = range(rover.axles)
-    if len(plane) > rover.axles:  # of a model by wheel
-        axles = [rover.wheels[k].axle for k in wheel_order(rover)]
-    for joint in rover.suspension:
-        plane[[axle in joint.axles for axle in axles]] = bogie
-    missing = np.isnan(observation.contact_angle)
-    return {
-        "contact_angle": np.where(missing, plane, observation.contact_angle),
-        "contact_angle_sd": np.where(missing, deviation, observation.contact_angle_sd),
-    }
-
-
-def possible_bogie(observation: Observation) -> float:
-    """Return the angle [rad] of the bogie, NaN where no bogie has such a one."""
-    return observation.bogie_angle if abs(observation.bogie_angle) < _STEEPEST_BOGIE else math.nan
-
-
 def advised(screening: Screening, config: CoreConfig) -> Screening:
     """Return the screening with what does without a contact angle, where one is missing."""
     lacks = np.isnan(screening.observation.contact_angle).any()
     if screening.outcome is not Outcome.NOT_FINITE or not lacks:
         return screening
-    bogie = f"measure the bogie's angle, within +-{_STEEPEST_BOGIE:g} rad"
+    bogie = f"measure the bogie's angle, within +-{STEEPEST_BOGIE:g} rad"
     way = bogie if config.contact_angle_sd else "set contact_angle_sd"
     return screening._replace(detail=f"{screening.detail}; without contact angles, {way}")
-
-
-def _wheels(observation: Observation) -> Iterable[tuple[float, ...]]:
-    """Yield per axle: slip, its deviation, sinkage, its deviation, contact angle, its deviation."""
-    return zip(
-        observation.slip.tolist(),
-        observation.slip_sd.tolist(),
-        observation.sinkage.tolist(),
-        observation.sinkage_sd.tolist(),
-        observation.contact_angle.tolist(),
-        observation.contact_angle_sd.tolist(),
-        strict=True,
-    )
-
-
-def _are_usable(observation: Observation, radius: float, config: CoreConfig) -> bool:
-    """Return whether :func:`_wheel_fault` finds none: one expression for what nearly all are."""
-    least, most = DEVIATIONS
-    lowest, highest = config.slip_minimum, config.slip_maximum
-    return all(
-        lowest <= slip < highest
-        and 0.0 < sinkage < radius
-        and -_STEEPEST_GROUND < angle < _STEEPEST_GROUND
-        and least <= slip_sd <= most
-        and least <= sinkage_sd <= most
-        and least <= angle_sd <= most
-        for slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd in _wheels(observation)
-    )
-
-
-def _wheel_fault(
-    wheel: tuple[float, ...], radius: float, config: CoreConfig
-) -> tuple[Outcome, str] | None:
-    """Return the reason why one wheel cannot be used; None where it can."""
-    slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd = wheel
-    if math.isnan(sinkage):
-        sinkage, sinkage_sd = 0.01 * radius, radius  # of no consequence: the balances tell it
-    if not (math.isfinite(slip) and math.isfinite(sinkage) and math.isfinite(angle)):
-        name, value = _first(lambda each: not math.isfinite(each), slip, sinkage, angle)
-        return Outcome.NOT_FINITE, f"{name} is {value}"
-    if not (_is_deviation(slip_sd) and _is_deviation(sinkage_sd) and _is_deviation(angle_sd)):
-        name, value = _first(lambda each: not _is_deviation(each), slip_sd, sinkage_sd, angle_sd)
-        return Outcome.BAD_DEVIATION, f"the standard deviation of {name} is {value:g}"
-    if not config.slip_minimum <= slip < config.slip_maximum:
-        return (
-            Outcome.OUT_OF_RANGE,
-            f"slip {slip:.3g} is outside {config.slip_minimum:g} to {config.slip_maximum:g}"
-            + (", a percentage?" if abs(slip) > _PERCENTAGE else ""),
-        )
-    if not abs(angle) < _STEEPEST_GROUND:
-        return (
-            Outcome.OUT_OF_RANGE,
-            f"contact angle {angle:.3g} rad is not within +-{_STEEPEST_GROUND:.3g}",
-        )
-    return (
-        None
-        if 0.0 < sinkage < radius
-        else (Outcome.OUT_OF_RANGE, _sinkage_fault(sinkage, sinkage_sd, radius))
-    )
-
-
-def _first(
-    wrong: Callable[[float], bool], slip: float, sinkage: float, angle: float
-) -> tuple[str, float]:
-    """Return the first of a wheel's numbers that is wrong, with its name."""
-    named = {"slip": slip, "sinkage": sinkage, "contact angle": angle}
-    return next((name, value) for name, value in named.items() if wrong(value))
-
-
-def _sinkage_fault(sinkage: float, deviation: float, radius: float) -> str:
-    if sinkage >= radius:
-        unit = ", in mm or cm?" if sinkage > _OTHER_UNIT * radius else ""
-        return f"sinkage {sinkage:.3g} m is not below the wheel radius {radius:g} m{unit}"
-    explained = "within its noise" if sinkage > -NOISE_BOUND * deviation else "a sensor error"
-    return f"sinkage {sinkage:.3g} m is not above zero, {explained}"
 
 
 def _mask_rates(
@@ -456,11 +262,11 @@ def _mask_optional(
         observation.acceleration,
         observation.bogie_angle,
     )
-    if not math.isnan(bogie) and not abs(bogie) < _STEEPEST_BOGIE:
+    if not math.isnan(bogie) and not abs(bogie) < STEEPEST_BOGIE:
         changes["bogie_angle"] = math.nan
-        details.append(f"bogie angle {bogie:g} rad is not within +-{_STEEPEST_BOGIE:g}")
+        details.append(f"bogie angle {bogie:g} rad is not within +-{STEEPEST_BOGIE:g}")
     if not math.isnan(acceleration) and not (
-        abs(acceleration) <= STRONGEST_ACCELERATION and _is_deviation(observation.acceleration_sd)
+        abs(acceleration) <= STRONGEST_ACCELERATION and is_deviation(observation.acceleration_sd)
     ):
         changes["acceleration"] = math.nan
         details.append(
@@ -481,12 +287,3 @@ def _mask_optional(
             for axle in np.flatnonzero(faulty)
         ]
     return details
-
-
-def _worst(outcomes: Iterable[Outcome]) -> Outcome:
-    """Return one outcome for wheels that failed.
-
-    It is the range where any wheel had usable numbers, else the first reason.
-    """
-    all_outcomes = list(outcomes)
-    return Outcome.OUT_OF_RANGE if Outcome.OUT_OF_RANGE in all_outcomes else all_outcomes[0]

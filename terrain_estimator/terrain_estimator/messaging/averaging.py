@@ -25,14 +25,10 @@ from enum import IntEnum
 import numpy as np
 
 from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.estimator.configured import as_configured, possible_bogie
 from terrain_estimator.estimator.off_plane import SingleWheels
-from terrain_estimator.estimator.screening import (
-    NOISE_BOUND,
-    Screening,
-    as_configured,
-    possible_bogie,
-    screen,
-)
+from terrain_estimator.estimator.screening import Screening, screen
+from terrain_estimator.estimator.wheel_faults import NOISE_BOUND
 from terrain_estimator.messaging.conversion import Conversion, Mark
 from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Floats, Observation
 from terrain_estimator.outcome import Outcome

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from terrain_estimator.estimator.screening import NOISE_BOUND
+from terrain_estimator.estimator.wheel_faults import NOISE_BOUND
 from terrain_estimator.observation import Floats
 
 UNIT_QUATERNION_TOLERANCE = 0.1  # a norm further from 1 is no orientation (all zeros: "not set")

@@ -16,8 +16,8 @@ import numpy as np
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import TURN_LIMIT
 from terrain_estimator.config.planner import AdviceConfig
+from terrain_estimator.estimator.moving import backwards
 from terrain_estimator.estimator.off_plane import FASTEST, Sideways, sideways_of
-from terrain_estimator.estimator.screening import backwards
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.planning.belief import Belief, Samples, draw
 from terrain_estimator.planning.front import FrontReading, front_samples

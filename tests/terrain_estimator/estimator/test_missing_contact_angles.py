@@ -12,8 +12,8 @@ from rover_parameters.parameters import configure
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
 from terrain_estimator.discovery.runs import RunError
+from terrain_estimator.estimator.configured import as_configured
 from terrain_estimator.estimator.estimator import Estimator
-from terrain_estimator.estimator.screening import as_configured
 from terrain_estimator.messaging.averaging import Averager
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.model.loaded import LoadedModel

@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from terrain_estimator.config.estimator import CoreConfig
-from terrain_estimator.estimator.screening import Screening, backwards, screen
+from terrain_estimator.estimator.moving import backwards
+from terrain_estimator.estimator.screening import Screening, screen
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from tests.rovers import MARS

@@ -16,9 +16,9 @@ from rover_parameters.records import ConfigError
 from rover_sim_node.config import FOLLOW, SimulatorConfig
 from rover_sim_node.turning_run import TurningRun
 from terrain_estimator.config.estimator import ConversionConfig, CoreConfig, EstimatorConfig
+from terrain_estimator.estimator.configured import as_configured
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.estimator.off_plane import SingleWheels
-from terrain_estimator.estimator.screening import as_configured
 from terrain_estimator.learning.adding import Sized, with_effects
 from terrain_estimator.learning.by_wheel import build_model_by_wheel
 from terrain_estimator.learning.export import export
