@@ -22,10 +22,10 @@ import torch
 from torch import Tensor
 
 from studies.command import study_parser
-from studies.observations import observations_of
 from studies.physics import physics_model
 from studies.planner.patches import belief_of
 from studies.tables import table
+from studies.turning_observations import turning_observations_of
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.config.planner import AdviceConfig
 from terrain_estimator.estimator.estimator import Estimator
@@ -50,8 +50,6 @@ from terramechanics.vehicle.steering import skid_command, steered_command
 
 Command = Callable[[Chassis, Tensor], tuple[Tensor, Tensor]]
 DRIVES, SAMPLES, SEED = 24, 400, 71_000_000
-LATERAL_SD, YAW_RATE_SD = 0.005, 0.003
-"""[m/s], [rad/s] of a sample; the default deviations of messages without a variance."""
 SOIL = load_soil("loose_sand")
 
 
@@ -183,29 +181,11 @@ def _observed(
     """Return the observations of each drive, with what tells that it is not planar."""
     measured = measure_drive(rover, _planar(rover, driven, strength), Noise(), generator)
 
-    def seen(values: list[Tensor], deviation: float) -> Floats:
-        true = torch.stack(values, 1)
-        noise = torch.randn(true.shape, generator=generator, dtype=torch.float64)
-        return np.asarray(true + deviation * noise)
+    def stacked(place: int) -> Tensor:
+        return torch.stack([sample.velocity[:, place] for sample in driven], 1)
 
-    roll = seen([sample.roll for sample in driven], Noise().pitch)
-    lateral = seen([sample.velocity[:, 1] for sample in driven], LATERAL_SD)
-    turn = seen([sample.velocity[:, 2] for sample in driven], YAW_RATE_SD)
-    return [
-        [
-            dataclasses.replace(
-                observation,
-                roll=float(roll[drive, step]),
-                roll_sd=Noise().pitch,
-                lateral_velocity=float(lateral[drive, step]),
-                lateral_velocity_sd=LATERAL_SD,
-                yaw_rate=float(turn[drive, step]),
-                yaw_rate_sd=YAW_RATE_SD,
-            )
-            for step, observation in enumerate(observations_of(measured, drive))
-        ]
-        for drive in range(DRIVES)
-    ]
+    roll = torch.stack([sample.roll for sample in driven], 1)
+    return turning_observations_of(measured, roll, stacked(1), stacked(2), generator)
 
 
 def _planar(rover: Rover, driven: Sequence[BodySample], strength: Tensor) -> Sample:

@@ -11,9 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rover_sim_node.turning_run import LATERAL_SD, YAW_RATE_SD
 from studies import lateral
 from studies.by_wheel.drives import SEED, ended, model_by_wheel, observed
-from studies.off_plane import LATERAL_SD, SOIL, YAW_RATE_SD
+from studies.off_plane import SOIL
 from terrain_estimator.learning.by_wheel import ROLL_BIAS_SD
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terramechanics.contact.rolling import WheelMotion

@@ -11,8 +11,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from studies.observations import observations_of
-from studies.off_plane import LATERAL_SD, SOIL, YAW_RATE_SD
+from studies.off_plane import SOIL
+from studies.turning_observations import turning_observations_of
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.by_wheel import build_model_by_wheel
@@ -111,30 +111,14 @@ def observed(
     )
     sample = sample if effects is None else effects.sensed(sample)
     measured = measure_drive(rover, sample, Noise(), generator)
-
-    def read(true: Tensor, deviation: float) -> Floats:
-        noise = torch.randn(true.shape, generator=generator, dtype=torch.float64)
-        return np.asarray(true + deviation * noise)
-
-    roll = read(stacked("roll"), Noise().pitch)
     aside = velocity[..., 1] - (rover.centre_of_mass_x + shift) * velocity[..., 2]
-    lateral_velocity, turn = read(aside, LATERAL_SD), read(velocity[..., 2], YAW_RATE_SD)
+    observations = turning_observations_of(
+        measured, stacked("roll"), aside, velocity[..., 2], generator
+    )
     steering = wheels("steering").numpy()
     return [
-        [
-            dataclasses.replace(
-                one,
-                roll=float(roll[drive, step]),
-                roll_sd=Noise().pitch,
-                lateral_velocity=float(lateral_velocity[drive, step]),
-                lateral_velocity_sd=LATERAL_SD,
-                yaw_rate=float(turn[drive, step]),
-                yaw_rate_sd=YAW_RATE_SD,
-                steering=steering[drive, step],
-            )
-            for step, one in enumerate(observations_of(measured, drive))
-        ]
-        for drive in range(len(strength))
+        [dataclasses.replace(one, steering=steering[drive, step]) for step, one in enumerate(each)]
+        for drive, each in enumerate(observations)
     ]
 
 

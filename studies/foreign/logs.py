@@ -20,6 +20,7 @@ import yaml
 from numpy.typing import NDArray
 
 from docs.provenance import ROOT
+from rover_sim_node.turning_run import LATERAL_SD, YAW_RATE_SD
 from terramechanics.presets import load_rover
 from terramechanics.simulation.sensors import Noise
 from terramechanics.vehicle.rover import Rover
@@ -29,8 +30,6 @@ STRAIGHT, TURNS = (ROOT / "bags" / "foreign" / name for name in ("logs", "turns"
 ENDING = ".csv.gz"
 ROVERS = {"skid": "four_wheel_rover"}
 """Rovers other than mars_rover, by the kind of a log."""
-LATERAL_SD, YAW_RATE_SD = 0.005, 0.003
-"""[m/s], [rad/s] of a sample."""
 TRUTH = {"A": (800.0, math.tan(math.radians(31.0))), "B": (300.0, math.tan(math.radians(28.0)))}
 """c [Pa] and tan phi of each soil."""
 SINKAGES = {"original": "sinkage", "rut": "sinkage_rut"}

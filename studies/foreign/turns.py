@@ -18,13 +18,12 @@ import numpy as np
 import torch
 from scipy.stats import norm
 
+from rover_sim_node.turning_run import LATERAL_SD, YAW_RATE_SD
 from studies.by_wheel.drives import model_of_soils
 from studies.by_wheel.motions import ANGLE_SD, without_angles
 from studies.command import study_parser
 from studies.foreign.logs import (
-    LATERAL_SD,
     TURNS,
-    YAW_RATE_SD,
     Log,
     log_names,
     measured_columns,

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from studies import off_plane
+from studies import off_plane, turning_observations
 from studies.off_plane import BUMPS, DRIVES, KINDS, SOIL, drives, judge, stops
 from studies.physics import physics_model
 from terrain_estimator.config.estimator import CoreConfig
@@ -42,7 +42,7 @@ def test_what_is_measured_of_a_turn_is_noisy_about_the_truth(
 ) -> None:
     """600 readings: their mean is within 4 deviations, their spread within 15 % (5 deviations)."""
     noisy, _ = drives(KINDS[1], 0.02, 0.0, SAMPLES)
-    monkeypatch.setattr(off_plane, "YAW_RATE_SD", 0.0)
+    monkeypatch.setattr(turning_observations, "YAW_RATE_SD", 0.0)
     exact, _ = drives(KINDS[1], 0.02, 0.0, SAMPLES)
     pairs = [both for drive in zip(noisy, exact, strict=True) for both in zip(*drive, strict=True)]
     errors = np.array([seen.yaw_rate - true.yaw_rate for seen, true in pairs])
