@@ -10,13 +10,14 @@ whatever the verdict, 2 where the command failed.
 
 import argparse
 import hashlib
+import itertools
 import json
 import os
 import random
-import shutil
 import subprocess
 import sys
 import webbrowser
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,8 @@ from tests.hidden.ground import SOILS
 from tests.hidden.sealing import seal
 
 FAILED = 2
+FINDING = "finding"
+"""Folder of what the command found, beside the bags; the unsealed report lies above it."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -45,8 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     case = drawn(seed, options.hide, options.seconds)
     truth = json.dumps(told(case, seed), indent=1) + "\n"
-    folder = options.out / str(seed)
-    shutil.rmtree(folder, ignore_errors=True)  # of the same seed, nobody else's
+    folder = new_folder(options.out / str(seed))
     bags = seal(case, folder / "bags")
     say(
         f"sealed bags: {bags[0].parent}; SHA-256 of the truth:"
@@ -58,12 +60,12 @@ def main(arguments: list[str] | None = None) -> int:
         "--soil",
         case.truth.soil,
         "--out",
-        str(folder),
+        str(folder / FINDING),
     ]
     if subprocess.run(command, check=False).returncode:
         return FAILED
     (folder / "truth.json").write_text(truth, encoding="utf-8")
-    finding = json.loads((folder / "finding.json").read_text(encoding="utf-8"))
+    finding = json.loads((folder / FINDING / "finding.json").read_text(encoding="utf-8"))
     sentence = f"{hidden_words(case)} {verdict_words(finding, case.truth.plan.names)}"
     say(f"unsealed: {sentence}")
     report = folder / "report.html"
@@ -98,9 +100,19 @@ def _parser() -> argparse.ArgumentParser:
         "--out",
         type=Path,
         default=Path("out/discover"),
-        help="results go to its folder SEED (default: %(default)s)",
+        help="results go to its folder SEED, SEED_2 and so on (default: %(default)s)",
     )
     return parser
+
+
+def new_folder(wanted: Path) -> Path:
+    """Make a folder of this name, with a number behind it where there is one already."""
+    for number in itertools.count(1):
+        folder = wanted if number == 1 else wanted.with_name(f"{wanted.name}_{number}")
+        with suppress(FileExistsError):
+            folder.mkdir(parents=True)
+            return folder
+    raise AssertionError("numbers do not end")
 
 
 def say(line: str) -> None:
