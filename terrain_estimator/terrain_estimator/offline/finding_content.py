@@ -15,7 +15,7 @@ from terrain_estimator.discovery.report.diagnosis import Diagnosis
 from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.offline.effect_entries import effect_entries
-from terrain_estimator.offline.revised_soils import soils_content
+from terrain_estimator.offline.revised_soils import refuted_content, soils_content
 from terrain_estimator.pages.finding_words import (
     doubt_note,
     ground_words,
@@ -53,6 +53,7 @@ def finding_content(
         ],
         **diagnosis.plain(),
         "soils": soils_content(outcome),
+        "refuted_soils": refuted_content(outcome),
         "soil_proof": _soil_proof(outcome),
         "added": proof is not None and proof.added,
         **(
@@ -98,7 +99,7 @@ def finding_sentence(outcome: Proven, diagnosis: Diagnosis) -> str:
     unproven = "no run is held out: the finding is unproven, give a third run or --hold-out"
     lines = [
         _verdict(outcome, diagnosis),
-        *map(soil_words, soils_content(outcome)),
+        *map(soil_words, [*soils_content(outcome), *refuted_content(outcome)]),
         outcome.proof.sentence if outcome.proof else unproven,
         outcome.soil_sentence,
     ]

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from terrain_estimator.discovery.evidence.soil_revision import Revision
+from terrain_estimator.discovery.evidence.soil_revision import RevisedStudy, Revision
 from terrain_estimator.discovery.proof.soil_proof import Proven
 
 SOILS = "soils"
@@ -23,13 +23,22 @@ def soils_content(outcome: Proven) -> list[dict[str, Any]]:
     There is no file of constants that held-out runs refute, or of a soil whose own file fits, and
     none is written where that of another soil, ``fits``, does.
     """
-    finding = outcome.finding
-    revisions = () if finding.soil is None else finding.soil.revisions
+    soil = outcome.finding.soil
+    return _content(soil, written=not outcome.soil_refuted) if soil else []
+
+
+def refuted_content(outcome: Proven) -> list[dict[str, Any]]:
+    """Return the same of soils that held-out runs refute, where the answer is on those as told."""
+    return _content(outcome.refuted, written=False) if outcome.refuted else []
+
+
+def _content(soil: RevisedStudy, *, written: bool) -> list[dict[str, Any]]:
+    revisions = soil.revisions
     return [
         {
             "soil": each.told.name,
             "runs": each.runs,
-            "file": f"{SOILS}/{name}.yaml" if each.is_new and not outcome.soil_refuted else None,
+            "file": f"{SOILS}/{name}.yaml" if each.is_new and written else None,
             "fits": each.found.name if each.of_file else None,
             "moved": list(each.moved),
             "constants": {

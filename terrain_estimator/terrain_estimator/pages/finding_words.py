@@ -44,7 +44,7 @@ def verdict(finding: Mapping[str, Any]) -> Headline:
     first = opening(finding)
     if first:
         sentence = first + Markup(" ") + sentence
-    if name != "soil" and (soils := finding.get("soils")):
+    if name != "soil" and (soils := finding.get("soils") or finding.get("refuted_soils")):
         before = (
             "Another soil fits the searched runs, and did not hold on held-out runs"
             if soil_refuted(finding)

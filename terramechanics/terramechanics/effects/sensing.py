@@ -34,7 +34,7 @@ class SlopeBias(Law):
     """
 
     extra: ClassVar[tuple[ExtraValue, ...]] = (
-        ExtraValue("share of the tilt that the accelerometer has", "1", 1.0),
+        ExtraValue("share of the tilt that the accelerometer has", "1", 0.5),
     )
 
     def __init__(self, rover: Rover, axle: int | None = None) -> None:

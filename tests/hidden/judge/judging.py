@@ -87,7 +87,7 @@ def investigated(bags: list[Path], soil: str, rover: Rover | None = None) -> Ans
     given = (study, singles(), read_thresholds(), lambda _share, _label: None)
     finding = investigate(*given, at_hand)
     runs = [unseen] if isinstance(unseen, Blocks) else []
-    finding, outcome = proven_or_told(finding, study, partial(investigate_as_told, *given), runs)
+    _, outcome = proven_or_told(finding, study, partial(investigate_as_told, *given), runs)
     return Answer(outcome.finding, finding, outcome.proof, studied)
 
 

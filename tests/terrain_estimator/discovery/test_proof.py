@@ -116,20 +116,31 @@ def test_an_effect_is_added_that_helps_in_one_way_and_harms_in_none(
 
 
 @pytest.mark.parametrize(
-    ("above_floor", "ahead", "added"),
+    ("after", "above_floor", "ahead", "added"),
     [
-        ((-0.1, 0.6), (0.1, 0.3), True),
-        ((0.1, 0.6), (0.1, 0.3), False),
-        ((-0.1, 0.6), (-0.3, -0.1), False),
-        (None, (0.1, 0.3), False),
+        (2.6, (-0.1, 0.9), (0.1, 0.3), True),
+        (2.6, (0.1, 0.9), (0.1, 0.3), False),
+        (2.7, (-0.1, 0.9), (0.1, 0.3), False),
+        (2.6, (-0.1, 0.9), (-0.3, -0.1), False),
+        (2.6, None, (0.1, 0.3), False),
     ],
 )
 def test_rollouts_that_miss_by_no_more_than_expected_refute_nothing(
-    above_floor: tuple[float, float] | None, ahead: tuple[float, float], *, added: bool
+    after: float,
+    above_floor: tuple[float, float] | None,
+    ahead: tuple[float, float],
+    *,
+    added: bool,
 ) -> None:
-    """Without the effect they miss by less, by chance."""
+    """The floor is 2.0; without the effect they miss by less, by chance."""
     gap = dataclasses.replace(
-        proven(2).gap, closed_95=None, improvement_95=(-0.4, -0.1), above_floor_95=above_floor
+        proven(2).gap,
+        before=2.3,
+        after=after,
+        noise_floor=2.0,
+        closed_95=None,
+        improvement_95=(-0.4, -0.1),
+        above_floor_95=above_floor,
     )
     step_gap = dataclasses.replace(proven(2).one_step_gap, nll_improvement_95=ahead)
     assert better(gap, step_gap, 9.0) == added

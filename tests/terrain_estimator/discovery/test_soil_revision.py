@@ -12,9 +12,14 @@ import yaml
 
 from terrain_estimator.discovery.evidence.common_constants import COMMON_SD
 from terrain_estimator.discovery.evidence.other_soils import on_other_soil
-from terrain_estimator.discovery.evidence.soil_revision import revised
+from terrain_estimator.discovery.evidence.soil_revision import revised, revised_alone
 from terrain_estimator.discovery.evidence.study import Study
-from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
+from terrain_estimator.discovery.evidence.verdict import (
+    Gains,
+    Judgement,
+    Verdict,
+    read_thresholds,
+)
 from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
 from terrain_estimator.discovery.proof.soil_proof import Proven, proven, proven_or_told
@@ -27,7 +32,7 @@ from terrain_estimator.discovery.report.investigation import (
 )
 from terrain_estimator.discovery.runs import Blocks, RecordedRun, cut
 from terrain_estimator.learning.tasks import measure_tasks
-from terrain_estimator.offline.revised_soils import soils_content, write_soils
+from terrain_estimator.offline.revised_soils import refuted_content, soils_content, write_soils
 from terrain_estimator.pages.finding_words import soil_words
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import Plant
@@ -110,22 +115,39 @@ def test_held_out_runs_prove_the_constants_or_refute_them() -> None:
 def test_where_held_out_runs_refute_the_soils_a_name_on_those_told_is_the_answer(
     payload_kg: float, *, named: bool
 ) -> None:
-    """Held-out drives on the soil as told, after drives on another one."""
-    finding, told = found(0.0, "regolith"), study(payload_kg, "loose_sand")
+    """The searched drives have a payload of 25 kg; the held-out one may have none."""
+    told = study(25.0, "loose_sand")
     given = (told, singles(("payload", "slope_bias")), read_thresholds())
     as_told = partial(investigate_as_told, *given, lambda _share, _label: None)
-    right = Study(nominal_of(MARS, TOLD), runs(0.0, 1.0)[:2])
     with torch.inference_mode():
-        asked, outcome = proven_or_told(finding, right, as_told, runs(payload_kg, 1.0)[2:])
+        wrong = on_other_soil(told, [TRUE, load_soil("compact_sand")], -1e6)
+        assert wrong is not None
+        judgement = Judgement(Verdict.SOIL, (), {"none": 0.0, "soil": 1.0, "unknown": 0.0})
+        gains = Gains((), 0.0, 0.0)
+        finding = Finding(judgement, gains, (), wrong.study.nothing, (), wrong)
+        asked, outcome = proven_or_told(finding, told, as_told, runs(payload_kg)[2:])
     assert outcome.soil_refuted
     assert outcome.soil_sentence.startswith("the revised soils do not hold on held-out runs")
     if named:
         assert (asked.soil, outcome.finding.judgement.verdict) == (None, Verdict.NAMED)
         assert outcome.finding.judgement.named[0].names == ("payload",)
         assert soils_content(outcome) == []
+        assert [each["fits"] for each in refuted_content(outcome)] == ["compact_sand"]
     else:
         assert asked is finding
         assert outcome.finding.judgement.verdict is Verdict.UNKNOWN
+        assert refuted_content(outcome) == []
+
+
+def test_what_other_soils_explain_is_there_to_be_explained_on_those_told() -> None:
+    told = study(25.0, "loose_sand")
+    given = (told, singles(("payload", "slope_bias")), read_thresholds())
+    with torch.inference_mode():
+        verdicts = [
+            investigate_as_told(*given, lambda _share, _label: None, explained).judgement.verdict
+            for explained in (0.0, 1e4)
+        ]
+    assert verdicts == [Verdict.NAMED, Verdict.UNKNOWN]
 
 
 def test_an_effect_is_named_beside_a_wrong_soil_file() -> None:
@@ -160,6 +182,7 @@ def test_a_wedge_ahead_of_the_wheels_is_not_taken_for_a_soil_that_nobody_knows()
     with torch.inference_mode():
         pushing = Study(nominal_of(MARS, TRUE), runs(0.6, effect="bulldozing")[:2])
         assert revised(pushing, pushing.nothing) is None
+        assert revised_alone(pushing, 0.0) is None
         finding = investigate(
             pushing,
             singles(("bulldozing", "payload")),

@@ -111,9 +111,10 @@ def revised_alone(told: Study, enough: float) -> RevisedStudy | None:
         return near
     start = best_start(told)
     at = _on(told, NOTHING, start.nominal, start.point)
-    tried = (near, at, revised(told, at.beside, at.study))
-    found = [each for each in tried if each is not None]
-    return max(found, key=lambda each: each.gain(each.beside, told))
+    fitted = [each for each in (near, revised(told, at.beside, at.study)) if each is not None]
+    # a start alone is coarse: the constants that fit better are then none of a soil
+    tried = [*fitted, at] if fitted else []
+    return max(tried, key=lambda each: each.gain(each.beside, told), default=None)
 
 
 def _on(told: Study, hypothesis: Hypothesis, nominal: Nominal, point: Point) -> RevisedStudy:

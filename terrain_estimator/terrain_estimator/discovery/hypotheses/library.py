@@ -50,8 +50,11 @@ grousers 50 to 170 %: the slip that mobilises them stands in for it.
 """
 _START = 0.02
 """[1] Share of its range at which the search for the size of a one-sided effect begins."""
-_STEP = 0.01
-"""[1] Share of its range by which a size is varied for differences."""
+_STEP = 0.001
+"""[1] Share of its range by which a size is varied for differences.
+
+A hundredth of the range of sinkage_bias is as much as a wheel sinks into firm sand.
+"""
 
 
 @dataclass(frozen=True, slots=True)

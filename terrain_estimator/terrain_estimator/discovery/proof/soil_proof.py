@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+from terrain_estimator.discovery.evidence.soil_revision import RevisedStudy
 from terrain_estimator.discovery.evidence.study import Candidate, Study
 from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
 from terrain_estimator.discovery.hypotheses.contributions import Contributions, here
@@ -62,15 +63,20 @@ def prove_soil(
     ``candidate`` is the named effect, which both have; ``proof`` is that of ``study``.
     """
     each_run = contributions or here(runs)
-    models = models_of(candidate)[-1:]
-    sums = [
-        sum(
-            each[0] for each in each_run(partial(_evidences, nominal=nominal), [models] * len(runs))
-        )
-        for nominal in (told, study.nominal)
+    likelier = [
+        _log_evidence(nominal, candidate, runs, each_run) for nominal in (told, study.nominal)
     ]
     before = prove(told, None, runs, seed, contributions).gap.before
-    return SoilProof(before, proof.gap.before, proof.gap.noise_floor, sums[1] - sums[0])
+    return SoilProof(before, proof.gap.before, proof.gap.noise_floor, likelier[1] - likelier[0])
+
+
+def _log_evidence(
+    nominal: Nominal, candidate: Candidate | None, runs: Sequence[Blocks], each_run: Contributions
+) -> float:
+    """Return the log evidence [nat] of runs with a candidate, None for nothing."""
+    models = models_of(candidate)[-1:]
+    found = each_run(partial(_evidences, nominal=nominal), [models] * len(runs))
+    return sum(each[0] for each in found)
 
 
 def _evidences(run: Blocks, models: tuple, *, nominal: Nominal) -> list[float]:  # type: ignore[type-arg]
@@ -83,9 +89,10 @@ class Proven:
 
     finding: Finding
     proof: Proof | None = None  # None where no run is held out
-    # of the revised soils, also where the finding is one on the soils as told because they failed;
-    # None where no soils were revised, or no held-out run is on a revised one
+    # of the revised soils; None where there are none, or no held-out run is on a revised one
     soil: SoilProof | None = None
+    # revised soils that held-out runs refute, where the finding is one on the soils as told
+    refuted: RevisedStudy | None = None
 
     @property
     def soil_refuted(self) -> bool:
@@ -119,9 +126,7 @@ def proven(
     """
     if not runs:
         return Proven(finding)
-    named = finding.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
-    best = finding.best if named else None
-    there = finding.study(study)
+    best, there = _named(finding), finding.study(study)
     proof = prove(there.nominal, best, runs, seed, contributions)
     after = settled(finding, proof)
     if finding.soil is None:
@@ -137,23 +142,38 @@ def proven(
 def proven_or_told(
     finding: Finding,
     study: Study,
-    as_told: Callable[[], Finding],
+    as_told: Callable[[float], Finding],
     runs: Sequence[Blocks],
     seed: int = 0,
     contributions: Contributions | None = None,
 ) -> tuple[Finding, Proven]:
     """Prove a finding or, where held-out runs refute its soils, the one on the soils as told.
 
-    The latter is the answer where it has a name that proves itself. Returns the finding that was
-    proven and the outcome, see :func:`proven`.
+    ``as_told`` returns that one for what the refuted soils explain [nat]. It is the answer where it
+    has a name that proves itself, and with which the held-out runs are likelier than on the refuted
+    soils with theirs. Returns the finding that was proven and the outcome, see :func:`proven`.
     """
     outcome = proven(finding, study, runs, seed, contributions)
-    if outcome.soil_refuted:
-        told = as_told()
-        again = proven(told, study, runs, seed, contributions)
-        if again.finding.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE):
-            return told, replace(again, soil=outcome.soil)
-    return finding, outcome
+    if finding.soil is None or not outcome.soil_refuted:
+        return finding, outcome
+    told = as_told(finding.soil.gain(finding.answer, study))
+    again = proven(told, study, runs, seed, contributions)
+    if again.finding.judgement.verdict not in (Verdict.NAMED, Verdict.CONFUSABLE):
+        return finding, outcome
+    each_run = contributions or here(runs)
+    before, after = (
+        _log_evidence(found.study(study).nominal, _named(found), runs, each_run)
+        for found in (finding, told)
+    )
+    if after <= before:
+        return finding, outcome
+    return told, replace(again, soil=outcome.soil, refuted=finding.soil)
+
+
+def _named(finding: Finding) -> Candidate | None:
+    """Return the best name of a finding; None where it names nothing."""
+    named = finding.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
+    return finding.best if named else None
 
 
 def _refuted(finding: Finding) -> Finding:

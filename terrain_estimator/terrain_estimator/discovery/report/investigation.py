@@ -120,10 +120,16 @@ def investigate_as_told(
     hypotheses: Sequence[Hypothesis],
     thresholds: Thresholds,
     progress: ProgressCallback,
+    explained: float,
 ) -> Finding:
-    """Search which effects are missing on the soils as told, without others."""
+    """Search which effects are missing on the soils as told, without others.
+
+    ``explained`` [nat] is what other soils explain with what is named on them, over nothing on
+    those told: so much is there to be explained.
+    """
     single = explain_singly(study, hypotheses, thresholds, part_of(progress, 0.0, 0.4))
-    return complete(study, hypotheses, thresholds, single, part_of(progress, 0.4, 1.0))
+    told = complete(study, hypotheses, thresholds, single, part_of(progress, 0.4, 1.0))
+    return _beside_others(told, explained, thresholds)
 
 
 def _is_in_doubt(study: Study, single: Singles, thresholds: Thresholds) -> bool:
@@ -137,9 +143,7 @@ def _is_in_doubt(study: Study, single: Singles, thresholds: Thresholds) -> bool:
     if single.left >= thresholds.anything:
         return True
     near = revised(study, study.nothing)
-    return near is not None and (
-        near.gain(near.beside, study) - single.gains.best >= thresholds.anything
-    )
+    return near is None or near.gain(near.beside, study) - single.gains.best >= thresholds.anything
 
 
 def _preferred(answers: Sequence[_Revision], thresholds: Thresholds) -> _Revision:
@@ -161,14 +165,19 @@ def _weighed(told: Finding, tried: Sequence[_Revision], thresholds: Thresholds) 
 
     What the soils explain is there to be explained on those told, too.
     """
-    best = told.gains.best
-    most = max((each.explains for each in tried), default=0.0)
-    gains = dataclasses.replace(told.gains, nothing_with=max(told.gains.nothing_with, most))
-    for each in sorted(tried, key=lambda each: -each.explains):
-        if each.explains > best and each.suffices(gains, thresholds):
-            return each.finding
     if not tried:
         return told
+    best, most = told.gains.best, max(each.explains for each in tried)
+    beside = _beside_others(told, most, thresholds)
+    for each in sorted(tried, key=lambda each: -each.explains):
+        if each.explains > best and each.suffices(beside.gains, thresholds):
+            return each.finding
+    return beside
+
+
+def _beside_others(told: Finding, explained: float, thresholds: Thresholds) -> Finding:
+    """Return the finding on the soils as told where others explain so much [nat]."""
+    gains = dataclasses.replace(told.gains, nothing_with=max(told.gains.nothing_with, explained))
     judgement = judge(gains, thresholds)
     chances = told.judgement.probabilities | judgement.probabilities
     judgement = dataclasses.replace(judgement, probabilities=chances)
