@@ -20,7 +20,7 @@ from tests.hidden.judge.judging import Record, examine
 from tests.hidden.judge.page import field, joined, page
 from tests.hidden.judge.strata import Batch, batches, field_batches
 
-FROZEN = "6bcb940938dde655e4d6e191976c87024430a917"
+FROZEN = "befa0b6e202c572df4b965ff88c2a40817ec6fe3"
 """Commit after which nothing that decides a verdict was changed."""
 PAGE = Path(__file__).parents[3] / "docs" / "hidden.md"
 
