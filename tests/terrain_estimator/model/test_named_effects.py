@@ -30,6 +30,7 @@ from terrain_estimator.model.torchscript import torchscript_model
 from terrain_estimator.observation import Observation
 from terrain_estimator.update import Estimate, Update
 from terramechanics.effects import EFFECTS, describe, make_effect
+from terramechanics.effects.simulated import SimulatedEffect
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.sample import Drive
 from terramechanics.simulation.sensors import Noise, measure_drive
@@ -138,16 +139,28 @@ def test_the_rows_of_an_exact_drive_hold_with_the_effect_and_do_not_without_it(
     assert float(residuals(model, drive, 0.0)) > 2e-3
 
 
-def test_a_tilted_sensor_is_estimated_and_no_longer_spoils_the_ground(plain: LoadedModel) -> None:
-    """Without the effect the drive disagrees; its last estimate before that is compared."""
-    drive = driven(plain, "slope_bias", TILT, 20.0)
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_a_tilted_sensor_is_estimated_and_no_longer_spoils_the_ground(
+    plain: LoadedModel, share: float
+) -> None:
+    """Without the effect the drive disagrees; its last estimate before that is compared.
+
+    With an accelerometer that has the whole tilt, its row agrees with that of the velocity: after
+    20 s the estimate is not confirmed, and no row disagrees yet.
+    """
+    values = torch.tensor([[TILT, share]], dtype=torch.float64)
+    tilted = SimulatedEffect(describe("slope_bias").law, values)
+    ground = Ground.constant(plain.metadata.soils[0])
+    generator = torch.Generator().manual_seed(3)
+    drive = simulate(plain.rover, ground, "S1", 20.0, generator, 1, plant=Plant([tilted]))
     truth = drive.sample.strength[0, 0, 0].numpy()
     observations = measured(drive)
     alone, together = (
         answered(model, observations)
         for model in (plain, in_python(plain, Sized.of_library("slope_bias")))
     )
-    assert alone[-1].disagreements
+    assert bool(alone[-1].disagreements) == (share == 0.0)
+    assert not any(alone[-1].estimate.identified)
     assert not any(each.disagreements for each in together)
     before = [each.estimate for each in alone if not each.disagreements][-1]
     after = together[-1].estimate
