@@ -33,8 +33,8 @@ _DRIVE = {
     "real_time_factor": "2.0",
     "wait_for_subscribers": "2",
 }
-_REPORT = ROOT / "out/discover/2026/report.html"
-_DISCOVER = ("tests.terrain_estimator.discovery.discover", "--seed", "2026")
+_SEED = "2026"
+_DISCOVER = ("tests.terrain_estimator.discovery.discover", "--seed", _SEED, "--out")
 
 
 def main() -> int:
@@ -45,8 +45,9 @@ def main() -> int:
         )
         page = browser.new_page(viewport={"width": _WIDTH, "height": 1290})
         _save(_live(page))
-        subprocess.run([sys.executable, "-m", *_DISCOVER], check=True, cwd=ROOT)  # noqa: S603
-        _report(browser.new_page(viewport={"width": 900, "height": 900}))
+        with tempfile.TemporaryDirectory() as found:
+            subprocess.run([sys.executable, "-m", *_DISCOVER, found], check=True, cwd=ROOT)  # noqa: S603
+            _report(browser.new_page(viewport={"width": 900, "height": 900}), Path(found) / _SEED)
         browser.close()
     return 0
 
@@ -95,9 +96,9 @@ def _save(frames: list[Image.Image]) -> None:
     )
 
 
-def _report(page: Page) -> None:
-    """Write the verdict at the top of the report, and the part about the ground."""
-    page.goto(_REPORT.as_uri())
+def _report(page: Page, folder: Path) -> None:
+    """Write the verdict at the top of the report in a folder, and the part about the ground."""
+    page.goto((folder / "report.html").as_uri())
     tops = {
         str(text): float(top)
         for text, top in page.evaluate(
