@@ -23,13 +23,20 @@ import torch
 
 from docs.provenance import digest, measured
 from rover_parameters.records import ConfigError
-from studies.change.drives import Change, FalseAlarms, Followed, follow_change, pool, study_constant
+from studies.change.drives import (
+    Change,
+    FalseAlarms,
+    Followed,
+    judge_change,
+    judge_constant,
+    pool,
+)
 from studies.change.scores import score_change
 from studies.change.table import ChangeRun, page
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
 from studies.records import Piece, compute, read_record, write_record, write_results
 from terrain_estimator.compiled.finding import load
-from terrain_estimator.config.estimator import AUTO, CoreConfig
+from terrain_estimator.config.estimator import AUTO
 from terrain_estimator.console.arguments import SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.tasks import ROVERS, SOILS
@@ -154,17 +161,6 @@ def _shares(whole: float, share: float) -> Iterable[float]:
     while whole - done > 1e-9:
         yield min(share, whole - done)
         done += share
-
-
-def judge_change(change: Change, drives: int, seed: int) -> Followed:
-    """Follow some drives of one change with the rover's model."""
-    config = CoreConfig(forgetting_time=change.forgetting_s)
-    return follow_change(change, load(change.rover, AUTO).model, config, drives, seed)
-
-
-def judge_constant(rover: str, soil: str, hours: float, seed: int) -> FalseAlarms:
-    """Count false words on constant ground with the rover's model."""
-    return study_constant(load(rover, AUTO).model, soil, CoreConfig(), hours, seed)
 
 
 def _keep(result: _Result, path: Path) -> None:

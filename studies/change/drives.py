@@ -17,7 +17,8 @@ import torch
 from numpy.typing import NDArray
 
 from studies.observations import observations_of
-from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.compiled.finding import load
+from terrain_estimator.config.estimator import AUTO, CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.tasks import BENCHMARK, random_ground
 from terrain_estimator.model.loaded import LoadedModel
@@ -270,3 +271,14 @@ def study_constant(
 
 
 _CONSTANT_S = 100.0  # duration of a drive on constant ground
+
+
+def judge_change(change: Change, drives: int, seed: int) -> Followed:
+    """Follow some drives of one change with the rover's model."""
+    config = CoreConfig(forgetting_time=change.forgetting_s)
+    return follow_change(change, load(change.rover, AUTO).model, config, drives, seed)
+
+
+def judge_constant(rover: str, soil: str, hours: float, seed: int) -> FalseAlarms:
+    """Count false words on constant ground with the rover's model."""
+    return study_constant(load(rover, AUTO).model, soil, CoreConfig(), hours, seed)

@@ -18,24 +18,18 @@ from docs.provenance import digest, measured
 from studies.accuracy.cells import WRONG
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
 from studies.records import Piece, compute, read_record, write_record, write_results
-from studies.stream.drives import Streamed, joined, stream
+from studies.stream.drives import Streamed, joined, stream_cell
 from studies.stream.table import StreamCell, page, score
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.tasks import ROVERS, SOILS
 from terrain_estimator.model.model_file import load_model
-from terramechanics.presets import load_soil
 
 BATCH = 5
 """Drives that are computed at once."""
 
 Place = tuple[str, str, float]
 """Rover, soil, and by how much the constants are wrong."""
-
-
-def study_batch(rover: str, soil: str, spread: float, seed: int) -> Streamed:
-    """Return a batch of drives of a cell."""
-    return stream(load_model(rover), load_soil(soil), spread, BATCH, seed)
 
 
 @interruptible
@@ -113,7 +107,7 @@ def _pieces(args: argparse.Namespace) -> dict[Place, list[Piece[Streamed]]]:
                 args.seed + 1000 * index,
             )
             found[place] = [
-                Piece(partial(study_batch, *place, first + k), folder / f"{name}-{k}.npz")
+                Piece(partial(stream_cell, *place, BATCH, first + k), folder / f"{name}-{k}.npz")
                 for k in range(args.batches)
             ]
     return found

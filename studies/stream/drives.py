@@ -18,8 +18,10 @@ from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.tasks import random_ground
 from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
+from terramechanics.presets import load_soil
 from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
@@ -41,6 +43,11 @@ class Streamed:
     variance: NDArray[np.float64]  # [N, T] its predicted variance [m^2/s^2]
     refused: NDArray[np.float64]  # [N] observations that were not used
     observations: NDArray[np.float64]  # [N]
+
+
+def stream_cell(rover: str, soil: str, spread: float, drives: int, seed: int) -> Streamed:
+    """Return :func:`stream` with the model of a rover that ships, on a soil by name."""
+    return stream(load_model(rover), load_soil(soil), spread, drives, seed)
 
 
 def stream(model: LoadedModel, soil: Soil, spread: float, drives: int, seed: int) -> Streamed:
