@@ -51,6 +51,14 @@ def test_a_missing_signal_would_tell_apart_what_it_tells_apart_where_it_is_measu
     assert found.nats > found.without + 3.0
 
 
+def test_an_accelerometer_hardly_separates_a_tilt_that_it_may_have_from_pushed_soil() -> None:
+    doubtful, poor = singles(("slope_bias", "bulldozing")), without("acceleration")
+    with torch.inference_mode():
+        [found] = missing_signals(poor, doubtful, poor.nothing, read_thresholds().apart)
+    assert not found.separates
+    assert found.without < found.nats < found.without + 3.0
+
+
 def test_a_signal_that_adds_nothing_does_not_separate_and_one_that_is_there_is_not_missing() -> (
     None
 ):
