@@ -60,7 +60,10 @@ class Deciding:
         return without_rows(Outcome.OUT_OF_RANGE, f"{which} are outside the model's range{needed}")
 
     def gated(self, velocity: float, report: Report, gate: float) -> Decision:
-        """Refuse an observation whose velocity [m/s] is too far from the expected one."""
+        """Refuse an observation whose velocity [m/s] is too far from the expected one.
+
+        ``gate`` [1] is the largest squared distance that passes.
+        """
         expected = velocity - report.innovation
         detail = f"velocity {velocity:.4g} m/s, expected {expected:.4g} m/s"
         return Decision(Outcome.GATED, (), report.distance, gate, 1, detail)
@@ -70,8 +73,9 @@ class Deciding:
     ) -> Decision:
         """Accept an observation with the rows that it measured.
 
-        ``torque`` [N m] of each wheel on the ground, NaN where it is not known; ``distance`` is the
-        squared one of the velocity.
+        ``torque`` [W] [N m] is that of each wheel on the ground, NaN where it is not known;
+        ``distance`` [1] the squared one of the velocity, up to ``gate`` [1], infinite for none;
+        ``settled`` the number of observations that entered the posterior with this one.
         """
         observation = screening.observation
         rows = _rows(

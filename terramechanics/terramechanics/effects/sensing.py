@@ -42,7 +42,10 @@ class SlopeBias(Law):
         self.gravity = rover.gravity
 
     def felt(self, pitch: Tensor, values: Tensor) -> Tensor:
-        """Return what the accelerometer reads too much at a true ``pitch`` [n, 1], [m/s^2]."""
+        """Return what the accelerometer reads too much, [n, 1] [m/s^2].
+
+        ``pitch`` [n, 1] [rad] is the true one, ``values`` [n or 1, 2] are tilt [rad] and share [1].
+        """
         tilted = pitch + values[:, 1:] * values[:, :1]
         return self.gravity * (torch.sin(tilted) - torch.sin(pitch))
 
