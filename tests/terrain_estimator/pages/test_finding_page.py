@@ -80,7 +80,8 @@ def test_an_unknown_verdict_names_the_dependence_and_a_name_that_held_out_runs_r
 
 
 def test_a_name_on_the_soil_as_told_says_which_soil_held_out_runs_refuted() -> None:
-    told = finding("named") | {"soils": [], "refuted_soils": finding("soil")["soils"]}
+    refuted = [each | {"file": None} for each in finding("soil")["soils"]]
+    told = finding("named") | {"soils": [], "refuted_soils": refuted}
     told["soil_proof"] = {"holds": False, "sentence": "the revised soils do not hold"}
     found = finding_page(told)
     assert "Another soil fits the searched runs, and did not hold on held-out runs: soil " in found
@@ -88,6 +89,7 @@ def test_a_name_on_the_soil_as_told_says_which_soil_held_out_runs_refuted() -> N
     assert "All fits below are on the soil as told." in found
     assert "The revised soils do not hold." in found
     assert "on the soil found" not in found
+    assert "Soil file:" not in found
 
 
 def test_an_unknown_that_only_rollouts_show_says_so() -> None:
