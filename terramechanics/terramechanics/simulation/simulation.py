@@ -7,6 +7,7 @@ Steps last 0.1 s; episodes are computed in batches.
 
 import dataclasses
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import fields
 
@@ -95,7 +96,7 @@ class Simulation:
                 self._roll_in(self._slip, self._sinkage)
                 where = self._situation(self._pose, self.rate)
                 self._sinkage = self._carried(self._pose, where, self._slip)
-        self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
+        self._begin_history()
         self._struggling = torch.zeros(batch, dtype=torch.float64)
         self._stuck = torch.zeros(batch, dtype=torch.bool)
 
@@ -111,7 +112,7 @@ class Simulation:
             contacts.sinkage,
             contacts.slip,
         )
-        self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
+        self._begin_history()
         self.rate = command.clone()
 
     def step(self, kind: Command, command: Tensor) -> Sample:
@@ -143,13 +144,13 @@ class Simulation:
             sample = dataclasses.replace(sample, torque=sample.torque + self.plant.friction(where))
             self.plant.remember(sample)
         self._leave_rut(pose, contacts.slip, contacts.sinkage)
-        self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
         self.velocity, self.rate, self._slip, self._sinkage = (
             velocity,
             rate,
             contacts.slip,
             contacts.sinkage,
         )
+        self._history.append((self._sinkage.log(), self.velocity))
         return sample
 
     def sensed(self, sample: Sample) -> Sample:
@@ -210,8 +211,7 @@ class Simulation:
         step = StepEquations.of(
             self.rover, pose, fine, coarse, self.velocity, duration, self._body(where)
         )
-        # Extrapolated, so that the first imbalance is of the order of the step squared.
-        sinkage = self._sinkage * (self._sinkage / self._last_sinkage).clamp(0.5, 2.0)
+        sinkage, velocity = self._extrapolated()
         if kind is Command.TORQUE:
             to_ground = (
                 command
@@ -219,7 +219,21 @@ class Simulation:
                 else command - self.plant.friction(where)
             )
             return solve_torques(step, to_ground, sinkage, self._slip)
-        return solve_rates(step, command, sinkage, 2.0 * self.velocity - self._last_velocity)
+        return solve_rates(step, command, sinkage, velocity)
+
+    def _begin_history(self) -> None:
+        """Take the rover to have moved as it does now."""
+        now = self._sinkage.log(), self.velocity
+        self._history = deque([now, now, now], maxlen=3)
+
+    def _extrapolated(self) -> tuple[Tensor, Tensor]:
+        """Return sinkages [m] and velocity [m/s] one step on, by the parabola through the last.
+
+        The imbalance from which a step is solved is then of the order of the step cubed.
+        """
+        (deep, fast), (deeper, faster), (depth, velocity) = self._history
+        change = (2.0 * depth - 3.0 * deeper + deep).clamp(-math.log(2.0), math.log(2.0))
+        return (depth + change).exp(), 3.0 * (velocity - faster) + fast
 
     def _carried(self, pose: Pose, where: Situation | None, slip: Tensor) -> Tensor:
         """Return the sinkages at ``slip`` under the loads of a rover without traction."""

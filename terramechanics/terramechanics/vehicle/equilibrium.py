@@ -146,6 +146,7 @@ def solve_rates(step: StepEquations, rate: Tensor, sinkage: Tensor, velocity: Te
     speed = step.rover.wheel_radius * rate
     unit = speed.mean(-1)
     unknown = torch.cat([sinkage.log(), (velocity / unit).unsqueeze(-1)], dim=-1)
+    forces = sinkage.new_empty(*sinkage.shape, 3)
 
     def contacts(u: Tensor, index: Tensor) -> tuple[StepEquations, Tensor, Tensor, Tensor]:
         end = u[:, -1] * unit[index]
@@ -153,7 +154,8 @@ def solve_rates(step: StepEquations, rate: Tensor, sinkage: Tensor, velocity: Te
 
     def residual(u: Tensor, index: Tensor) -> Tensor:
         part, slip, depth, end = contacts(u, index)
-        return part.imbalance(part.wheel.forces(_clamped(slip), depth), end)
+        forces[index] = part.wheel.forces(_clamped(slip), depth)
+        return part.imbalance(forces[index], end)
 
     def jacobian(u: Tensor, index: Tensor) -> Tensor:
         part, slip, depth, _ = contacts(u, index)
@@ -175,7 +177,10 @@ def solve_rates(step: StepEquations, rate: Tensor, sinkage: Tensor, velocity: Te
     depth, end = unknown[:, :-1].exp(), unknown[:, -1] * unit
     wanted = slip_at(step.rover, end, rate)
     slip = _clamped(wanted)
-    return Contacts(slip, depth, step.wheel.forces(slip, depth), end, solved, slip == wanted)
+    lost = (~solved).nonzero().squeeze(-1)
+    if lost.numel() > 0:
+        forces[lost] = step.wheel.rows(lost).forces(slip[lost], depth[lost])
+    return Contacts(slip, depth, forces, end, solved, slip == wanted)
 
 
 def solve_torques(step: StepEquations, torque: Tensor, sinkage: Tensor, slip: Tensor) -> Contacts:
