@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""python -m studies.by_wheel prints the tables."""
+"""python -m studies.by_wheel prints the tables, with --planner that of the planner's stops."""
 
 import sys
 
@@ -8,15 +8,21 @@ import torch
 
 from studies.by_wheel.bound import BOUND_HEAD, bound_lines
 from studies.by_wheel.motions import HEAD, HIDDEN, TYPICAL, lines, motions
+from studies.by_wheel.stops import STOP_HEAD, stop_lines
 from studies.command import study_parser
 from studies.off_plane import KINDS
 from studies.tables import table
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Print the tables of docs/lateral.md about a model by wheel."""
-    study_parser("by_wheel", main.__doc__).parse_args(argv)
+    """Print the tables of docs/lateral.md about a model by wheel, or one of docs/planner.md."""
+    parser = study_parser("by_wheel", main.__doc__)
+    parser.add_argument("--planner", action="store_true", help="what the planner says in turns")
+    planned = parser.parse_args(argv).planner
     torch.set_num_threads(1)
+    if planned:
+        sys.stdout.write(f"{KINDS[0].rover}:\n\n{table(STOP_HEAD, stop_lines())}\n")
+        return 0
     for kind in KINDS:
         chosen = motions(kind.rover)
         sys.stdout.write(f"{kind.rover}:\n\n{table(HEAD, lines(kind, chosen))}\n")

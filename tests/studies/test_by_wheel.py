@@ -11,6 +11,7 @@ from studies.by_wheel import bound
 from studies.by_wheel.bound import BOUND_HEAD, SKID, bound_lines, information
 from studies.by_wheel.drives import observed
 from studies.by_wheel.motions import HEAD, Motion, lines, motions
+from studies.by_wheel.stops import STOP_HEAD, by_axle, stop_lines
 from studies.off_plane import KINDS
 from terramechanics.vehicle.wheel_places import wheel_order
 
@@ -32,6 +33,24 @@ def test_a_line_counts_the_drives_of_its_motion() -> None:
         assert float(used.rstrip(" %")) > 90.0
         assert held.endswith(" of 2")
         assert wrong == "0"
+
+
+def test_the_stops_of_turns_are_counted_by_the_slip_of_the_outer_wheels() -> None:
+    (line,) = stop_lines(drives=2, samples=60, yaw_rates=[0.6])
+    assert len(line) == len(STOP_HEAD)
+    *_, known, above, below, others = line
+    assert others == "0 of 2"
+    assert known.endswith(" of 2")
+    assert sum(int(each.split(" of ")[1]) for each in (above, below)) == 2
+
+
+def test_the_planner_takes_the_means_of_an_axle() -> None:
+    samples, strength = lateral.drive(0.6)
+    (found, *_), *_ = observed(SKID, samples, strength, range(4), torch.Generator().manual_seed(1))
+    axles = by_axle(found, [0, 0, 1, 1])
+    np.testing.assert_allclose(axles.slip, found.slip.reshape(2, 2).mean(1))
+    assert axles.velocity == found.velocity
+    assert axles.steering is None
 
 
 def test_the_constant_errors_of_a_drive_are_those_of_its_motion() -> None:

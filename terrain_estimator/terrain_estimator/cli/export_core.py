@@ -41,7 +41,11 @@ def main(argv: list[str] | None = None) -> int:
         write_core(model, args.folder)
         metadata = read_metadata(model.with_suffix(".json"))
         statics = args.folder / (model.stem + ENDING)
-        write_statics(statics, solve_statics(metadata.rover, metadata.soils), metadata.sha256)
+        write_statics(
+            statics,
+            solve_statics(metadata.rover, metadata.soils, metadata.wheel_places),
+            metadata.sha256,
+        )
         if args.build:
             shutil.copyfile(statics, model.with_name(statics.name))
             build_core(args.folder, model.with_suffix(".so"))

@@ -32,4 +32,4 @@ def statics_of(model: Path, metadata: Metadata) -> tuple[Statics, str]:
     except StaticsError as error:
         from terrain_estimator.planning.solving import solve_statics  # noqa: PLC0415
 
-        return solve_statics(metadata.rover, metadata.soils), str(error)
+        return solve_statics(metadata.rover, metadata.soils, metadata.wheel_places), str(error)

@@ -34,6 +34,7 @@ class FrontReading:
     pitch: float  # [rad] nose up
     rim_speed: float  # [m/s] mean of r w
     turning: bool = False  # most of the time, by the yaw rate
+    turn: float = 0.0  # [1] share of the outer wheels' speed that turns the rover
     sideways: bool = False  # so that it turns, slides to a side or crabs
 
     @property

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Margins for a planner from samples of the ground.
 
-These are pull against need, steepest slope, and the slip and sinkage to expect.
+These are pull against need, steepest slope, tightest turn, and the slip and sinkage to expect.
 """
 
 import math
@@ -12,6 +12,7 @@ import numpy as np
 
 from terrain_estimator.observation import Floats
 from terrain_estimator.planning.belief import Samples, quantiles
+from terrain_estimator.planning.statics import TURNS
 from terrain_estimator.planning.table import TractionTable, highest_ratio, slip_for, steepest
 
 LOWER, UPPER = 0.05, 0.95
@@ -32,14 +33,15 @@ NOTHING = CredibleRange(math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """Margins on one slope, with all wheels on one ground."""
+    """Margins on one slope and in one turn, with all wheels on one ground."""
 
     available: CredibleRange  # [N] drawbar pull at a slip up to the limit
     needed: float  # [N] to hold the slope at constant speed
     stall_probability: float  # [1] that less is available than needed
     slope_limit: CredibleRange  # [rad] steepest slope
-    slip: CredibleRange  # [1] 1 where the rover would be stuck
+    slip: CredibleRange  # [1] 1 where the rover would be stuck; in a turn that of the outer wheels
     sinkage: CredibleRange  # [m]
+    turn_limit: CredibleRange = NOTHING  # [1] tightest turn on the slope, as a share as in TURNS
 
 
 def unknown_margins(needed: float) -> Margins:
@@ -48,9 +50,14 @@ def unknown_margins(needed: float) -> Margins:
 
 
 def margins(
-    table: TractionTable, samples: Samples, slope: float, slip_limit: float, pull_deviation: float
+    table: TractionTable,
+    samples: Samples,
+    slope: float,
+    slip_limit: float,
+    pull_deviation: float,
+    turn: float = 0.0,
 ) -> Margins:
-    """Return the margins on ``slope`` [rad], positive uphill.
+    """Return the margins on ``slope`` [rad], positive uphill, in a ``turn`` as in TURNS [1].
 
     ``pull_deviation`` [weights] is the error of the model itself.
     """
@@ -58,13 +65,13 @@ def margins(
     columns: list[Floats] = []
     for soil, (strength, spare) in enumerate(zip(samples.strength, samples.spare, strict=True)):
         shift = pull_deviation * spare
-        pulls = table.at(soil, strength, slope)
+        pulls = table.at(soil, strength, slope, turn)
         slip, sinkage = slip_for(pulls, need - shift)
         highest = highest_ratio(pulls, slip_limit) + shift
-        columns.append(
-            np.stack([highest, steepest(table, soil, strength, slip_limit, shift), slip, sinkage])
-        )
-    ratio, limit, slip, sinkage = np.concatenate(columns, axis=1)
+        limit = steepest(table, soil, strength, slip_limit, shift, turn)
+        tightest = _tightest(table, soil, strength, slope, slip_limit, shift)
+        columns.append(np.stack([highest, limit, slip, sinkage, tightest]))
+    ratio, limit, slip, sinkage, tightest = np.concatenate(columns, axis=1)
     weight = np.concatenate(samples.weight)
     return Margins(
         available=_range(weight_across * ratio, weight),
@@ -73,7 +80,37 @@ def margins(
         slope_limit=_range(limit, weight),
         slip=_range(slip, weight),
         sinkage=_range(sinkage, weight),
+        turn_limit=_range(tightest, weight) if table.knows_turns else NOTHING,
     )
+
+
+def _tightest(
+    table: TractionTable,
+    soil: int,
+    strength: Floats,
+    slope: float,
+    slip_limit: float,
+    shift: Floats,
+) -> Floats:
+    """Return the tightest turn [n] [1] up to which every turn is held; -1: not even straight on.
+
+    Where turns are not known the numbers have no meaning.
+    """
+    if not table.knows_turns:
+        return np.zeros(len(strength))
+    need = math.tan(slope)
+    spare = np.stack(
+        [highest_ratio(table.at(soil, strength, slope, turn), slip_limit) for turn in TURNS], axis=1
+    )
+    spare += shift[:, None] - need
+    held = np.logical_and.accumulate(spare >= 0.0, axis=1).sum(axis=1)
+    row, last = np.arange(len(strength)), len(TURNS) - 1
+    left, right = np.clip(held - 1, 0, last), np.clip(held, 0, last)
+    fall = np.maximum(spare[row, left] - spare[row, right], 1e-12)
+    share = np.clip(spare[row, left] / fall, 0.0, 1.0)
+    turns = np.array(TURNS)
+    between = turns[left] + share * (turns[right] - turns[left])
+    return np.where(held == 0, -1.0, np.where(held > last, 1.0, between))
 
 
 def stall_probability(

@@ -14,7 +14,7 @@ from terrain_estimator.topics import ADVICE, Make, Message
 
 _WORDS = {
     Reason.NONE: "go on",
-    Reason.TRACTION: "stop: the ground may not hold the rover on this slope",
+    Reason.TRACTION: "stop: the ground may not hold the rover on this slope, or in this turn",
     Reason.FRONT: "stop: the ground under the front wheels may not hold the whole rover",
     Reason.SLIP: "stop: the wheels slip too much",
     Reason.SINKAGE: "stop: the wheels have sunk in too deep",
@@ -99,10 +99,13 @@ def advice_message(advice: Advice, make: Make, sequence: int, estimate: Message)
         front_stall_probability=advice.front_stall_probability,
         slope_limit=margins.slope_limit.lower,
         slope_limit_median=margins.slope_limit.median,
+        turn=advice.turn,
+        turn_limit=margins.turn_limit.lower,
+        turn_limit_median=margins.turn_limit.median,
         expected_slip=slip.median,
         expected_slip_lower=slip.lower,
         expected_slip_upper=slip.upper,
-        expected_velocity=advice.rim_speed * (1.0 - slip.median),
+        expected_velocity=math.nan if advice.turning else advice.rim_speed * (1.0 - slip.median),
         expected_sinkage=sinkage.median,
         expected_sinkage_lower=sinkage.lower,
         expected_sinkage_upper=sinkage.upper,
@@ -117,6 +120,8 @@ def _status_text(advice: Advice, effects: Sequence[str]) -> str:
     parts.append(_WORDS[advice.reason] if advice.stop or advice.moving else _CREEP)
     if advice.turning:
         parts.append("slip and front wheels not judged: the rover turns")
+        if advice.known and math.isnan(advice.turn):
+            parts.append("margins are for driving straight on")
     elif advice.moving and advice.front_lacks:
         parts.append(f"front wheels not judged: no {advice.front_lacks}")
     if advice.moving and math.isnan(advice.sinkage):

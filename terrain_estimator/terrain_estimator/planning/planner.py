@@ -50,6 +50,9 @@ class Advice:
     front_stall_probability: float
     front_lacks: str  # missing measurements of the front wheels' ground; empty: none
     turning: bool  # whether the rover turned within the window, so that its slip says little
+    # [1] share of the outer wheels' speed that turns it, which the margins are for; NaN in a turn
+    # of a rover whose turns are not known: its margins are for driving straight on
+    turn: float
     slope: float  # [rad] nose up, measured
     rim_speed: float  # [m/s] commanded speed: what the wheels would do without slip
     slip: float  # [1] measured, mean over the axles; NaN where nothing was
@@ -144,8 +147,11 @@ class Planner:
         known = self._belief.identified and not self._belief.disagrees
         doubts = (self._config.slip_limit, self._config.pull_deviation)
         needed = self._table.rover.weight * math.sin(reading.pitch)
+        turn = math.nan if reading.turning and not self._table.knows_turns else reading.turn
         under = (
-            margins(self._table, here, reading.pitch, *doubts) if known else unknown_margins(needed)
+            margins(self._table, here, reading.pitch, *doubts, 0.0 if math.isnan(turn) else turn)
+            if known
+            else unknown_margins(needed)
         )
         front = self._front(here, reading)
         slip, sinkage = _mean(reading.slip), _mean(reading.sinkage)
@@ -162,6 +168,7 @@ class Planner:
             front_stall_probability=front,
             front_lacks="model that fits" if self._belief.disagrees else reading.front_lacks,
             turning=reading.turning,
+            turn=turn,
             slope=reading.pitch,
             rim_speed=reading.rim_speed,
             slip=slip,
@@ -249,13 +256,14 @@ class Planner:
         slip, sinkage, torque, angle, rate = (
             _means(np.array([getattr(entry, name) for entry in recent])) for name in names
         )
-        pitch, velocity = _means(
-            np.array([(entry.pitch, entry.velocity) for entry in recent])
+        pitch, velocity, yaw_rate = _means(
+            np.array([(entry.pitch, entry.velocity, entry.yaw_rate) for entry in recent])
         ).tolist()
+        turn = self._table.turn_of(velocity, yaw_rate) if turning else 0.0
         rim = self._table.rover.wheel_radius * _mean(rate)
         if math.isnan(rim):
             rim = velocity / max(1.0 - _mean(slip), _LEAST_ROLLING)
-        return FrontReading(slip, sinkage, torque, angle, pitch, rim, turning, sideways)
+        return FrontReading(slip, sinkage, torque, angle, pitch, rim, turning, turn, sideways)
 
 
 def _most(values: Iterable[bool]) -> bool:

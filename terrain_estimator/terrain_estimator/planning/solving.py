@@ -16,37 +16,58 @@ from terrain_estimator.planning.statics import (
     SLIPS,
     STEEPNESSES,
     TAN_PHIS,
+    TURNS,
     Statics,
 )
 from terramechanics.contact.laws import contact_law
 from terramechanics.contact.stresses import MAX_SLIP, MIN_SLIP, in_range, quadrature
-from terramechanics.terrain.soil import Soil
+from terramechanics.terrain.soil import WONG_REECE, Soil
+from terramechanics.vehicle.chassis import Chassis
 from terramechanics.vehicle.climbing import climb
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import balance_matrix, level_pose
+from terramechanics.vehicle.turning import turn
+from terramechanics.vehicle.wheel_places import WheelPlaces
 
 _WHEEL_SLIPS = 63
 """Slips of the tables of one wheel; with so many, one lies at 0, where the law has a kink."""
 
 
-def solve_statics(rover: Rover, soils: Sequence[Soil]) -> Statics:
-    """Return the statics of a rover on some soils, which takes some seconds."""
+def solve_statics(
+    rover: Rover, soils: Sequence[Soil], places: WheelPlaces | None = None
+) -> Statics:
+    """Return the statics of a rover on some soils, which takes some seconds.
+
+    With the ``places`` of its wheels those of turns, too, where it turns without steering and its
+    soils have the law of Wong and Reece.
+    """
+    knows = places is not None and not places.steered
+    chassis = (
+        Chassis.of(rover, places.track_width, places.yaw_inertia)
+        if places is not None and knows and {soil.law for soil in soils} == {WONG_REECE}
+        else None
+    )
     slips = np.stack([_slips(rover, soil) for soil in soils])
     wheels = [_wheel(rover, soil, each) for soil, each in zip(soils, slips, strict=True)]
-    pulls = np.stack([_pulls(rover, soil) for soil in soils])
+    pulls = np.stack([_pulls(rover, soil, chassis) for soil in soils])
     return Statics(pulls, slips, np.stack(wheels), _balances(rover))
 
 
-def _pulls(rover: Rover, soil: Soil) -> Floats:
+def _pulls(rover: Rover, soil: Soil, chassis: Chassis | None) -> Floats:
     axes = [
         torch.tensor(axis, dtype=torch.float64)
         for axis in (COHESIONS, TAN_PHIS, STEEPNESSES, SLIPS)
     ]
     cohesion, tan_phi, slope, slip = torch.cartesian_prod(*axes).unbind(1)
-    constants = soil.constants().expand(slip.shape[0], 6)
-    result = climb(rover, constants, torch.stack([cohesion, tan_phi], 1), slope, slip, law=soil.law)
-    both = torch.stack([result.pull / (rover.weight * torch.cos(slope)), result.sinkage], 1)
-    values: Floats = both.view(*(len(axis) for axis in axes), 2).numpy()
+    constants, strength = soil.constants().expand(len(slip), 6), torch.stack([cohesion, tan_phi], 1)
+    result = (
+        climb(rover, constants, strength, slope, slip, law=soil.law)
+        if chassis is None
+        else turn(chassis, constants, strength, slope, slip, TURNS)
+    )
+    both = torch.stack([result.pull / (rover.weight * torch.cos(slope)), result.sinkage], -1)
+    grid = both.view(-1, *(len(axis) for axis in axes), 2)
+    values: Floats = grid.movedim(0, 3).contiguous().numpy()
     return values
 
 

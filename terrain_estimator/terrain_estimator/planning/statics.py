@@ -22,6 +22,11 @@ COHESIONS = (0.0, 1000.0, 2500.0, 5000.0, 9000.0)
 TAN_PHIS = (0.02, 0.15, 0.3, 0.5, 0.75, 1.1, 1.6)
 STEEPNESSES = (0.0, 0.6)
 """[rad] Up and down are alike: the pull depends on the weight across the slope alone."""
+TURNS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.7, 1.0)
+"""[1] Share of the outer wheels' speed that turns a rover that does not steer.
+
+0 is straight on, 0.5 about the inner wheels, 1 on the spot. Least pull is left just below 0.5,
+where the inner wheels drag."""
 SLIPS = (-0.1, 0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.9)
 ENTRY_ANGLES = np.linspace(0.0, 0.5 * np.pi, 129)
 """[rad] acos(1 - z / r) of a wheel that sinks by z: forces are smooth in it, not in z."""
@@ -39,8 +44,9 @@ class Statics:
     """Statics of one rover on S soils, and the forces on one of its wheels."""
 
     pulls: Floats
-    """[S, COHESIONS, TAN_PHIS, STEEPNESSES, SLIPS, 2] Pull over the weight across the slope [1],
-    and mean sinkage [m], of the whole rover with all wheels at one slip."""
+    """[S, COHESIONS, TAN_PHIS, STEEPNESSES, turns, SLIPS, 2] Pull over the weight across the slope
+    [1], and mean sinkage [m], of the whole rover with all wheels at one slip, in a turn those
+    outside. There are all TURNS, or the first alone where turns are not known."""
     wheel_slips: Floats
     """[S, n] Slips [1] at which ``wheel`` is known: the range of the contact law."""
     wheel: Floats
@@ -53,7 +59,8 @@ class Statics:
     def __post_init__(self) -> None:
         """Raise StaticsError where a shape is wrong or a number is not finite."""
         soils, axles, slips = len(self.pulls), self.balances.shape[1], self.wheel_slips.shape[-1]
-        grid = (len(COHESIONS), len(TAN_PHIS), len(STEEPNESSES), len(SLIPS), 2)
+        turns = len(TURNS) if self.pulls.ndim > 4 and self.pulls.shape[4] > 1 else 1
+        grid = (len(COHESIONS), len(TAN_PHIS), len(STEEPNESSES), turns, len(SLIPS), 2)
         shapes = {
             "pulls": (soils, *grid),
             "wheel_slips": (soils, slips),

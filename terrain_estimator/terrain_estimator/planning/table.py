@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pull of a rover as a table over (c, tan phi, slope, slip).
+"""Pull of a rover as a table over (c, tan phi, slope, turn, slip).
 
 The nonlinear statics are solved once; advice only looks up the table.
 """
@@ -17,12 +17,14 @@ from terrain_estimator.planning.statics import (
     SLIPS,
     STEEPNESSES,
     TAN_PHIS,
+    TURNS,
     Statics,
     interpolate,
 )
 from terramechanics.vehicle.rover import Rover
 
 _GROUND = tuple(np.array(axis) for axis in (COHESIONS, TAN_PHIS, STEEPNESSES))
+_TURNS = np.array(TURNS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,20 +41,40 @@ class TractionTable:
 
     rover: Rover
     statics: Statics
+    half_track: float = math.nan  # [m] NaN: of a model by axle, which knows no turns
 
     @property
     def soils(self) -> int:
         """Return the number of soils."""
         return len(self.statics.pulls)
 
-    def at(self, soil: int, strength: Floats, slope: Floats | float) -> Pulls:
+    @property
+    def knows_turns(self) -> bool:
+        """Return whether it holds the pulls in turns."""
+        return self.statics.pulls.shape[4] > 1
+
+    def turn_of(self, velocity: float, yaw_rate: float) -> float:
+        """Return the share of the outer wheels' speed that turns the rover [1]; 0 where it stands.
+
+        ``velocity`` [m/s] is along the body, ``yaw_rate`` in rad/s.
+        """
+        turning, ahead = abs(yaw_rate) * self.half_track, abs(velocity)
+        return turning / (turning + ahead) if turning > 0.0 else 0.0
+
+    def at(self, soil: int, strength: Floats, slope: Floats | float, turn: float = 0.0) -> Pulls:
         """Return the pulls of n grounds of one soil, with values clipped to the range of the table.
 
-        ``strength`` [n, 2] is (c [Pa], tan phi), ``slope`` [n] or [] is in rad.
+        ``strength`` [n, 2] is (c [Pa], tan phi), ``slope`` [n] or [] is in rad, ``turn`` a share as
+        in :data:`~terrain_estimator.planning.statics.TURNS`, 0 where turns are not known.
         """
         steepness = np.broadcast_to(np.abs(slope), strength.shape[:1])
-        places = np.column_stack([strength, steepness])
-        ratio, sinkage = np.moveaxis(interpolate(_GROUND, self.statics.pulls[soil], places), -1, 0)
+        places, pulls = [strength, steepness], self.statics.pulls[soil]
+        if self.knows_turns:
+            places.append(np.full(len(strength), turn))
+            found = interpolate((*_GROUND, _TURNS), pulls, np.column_stack(places))
+        else:
+            found = interpolate(_GROUND, pulls[..., 0, :, :], np.column_stack(places))
+        ratio, sinkage = np.moveaxis(found, -1, 0)
         return Pulls(ratio, sinkage)
 
     def wheel(self, soil: int, slip: float, sinkage: float) -> Floats | None:
@@ -112,13 +134,18 @@ def slip_for(pulls: Pulls, ratio: Floats) -> tuple[Floats, Floats]:
 
 
 def steepest(
-    table: TractionTable, soil: int, strength: Floats, slip_limit: float, shift: Floats
+    table: TractionTable,
+    soil: int,
+    strength: Floats,
+    slip_limit: float,
+    shift: Floats,
+    turn: float = 0.0,
 ) -> Floats:
-    """Return the slope [n] [rad] that the largest ratio, plus ``shift`` [n], just holds.
+    """Return the slope [n] [rad] that the largest ratio, plus ``shift`` [n], just holds in a turn.
 
     Negative: downhill only.
     """
     slope = np.zeros(strength.shape[0])
     for _ in range(2):  # the ratio changes by a few per cent over the whole range of slopes
-        slope = np.arctan(highest_ratio(table.at(soil, strength, slope), slip_limit) + shift)
+        slope = np.arctan(highest_ratio(table.at(soil, strength, slope, turn), slip_limit) + shift)
     return np.clip(slope, -math.pi / 4.0, math.pi / 4.0)

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""In a turn the planner judges neither slip nor the front wheels, and says so."""
+"""In a turn the planner judges neither slip nor the front wheels, and says so.
+
+Where it knows the rover's turns it judges whether the ground holds this one.
+"""
 
 import dataclasses
 import math
@@ -58,6 +61,8 @@ def test_slip_straight_ahead_stops_the_rover_and_in_a_turn_it_does_not() -> None
     assert turned.slip == pytest.approx(SPINNING)  # as measured
     assert math.isnan(turned.front_stall_probability)
     assert turned.known  # margins are those of the ground, for driving straight
+    assert math.isnan(turned.turn)
+    assert math.isnan(turned.margins.turn_limit.lower)
     assert not math.isnan(turned.margins.stall_probability)
 
 
@@ -117,5 +122,6 @@ def test_the_status_says_what_is_not_judged() -> None:
     estimate = types.make(ESTIMATE)
     said = advice_message(advice(moved(0.3, 0.2)), types.make, 0, estimate).status_text
     assert "slip and front wheels not judged: the rover turns" in said
+    assert "margins are for driving straight on" in said
     said = advice_message(advice(moved(0.0, 0.2)), types.make, 0, estimate).status_text
     assert "turns" not in said

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a node needs to forecast traction: a model's rover and soils, and statics solved ahead."""
 
+import math
 from typing import NamedTuple
 
 from rover_parameters.records import ConfigError
@@ -42,4 +43,6 @@ def read_traction(model: str, rover: str) -> TractionModel:
         raise ConfigError(str(error)) from error
     statics, why = statics_of(path, metadata)
     solved = f"the statics were solved at the start: {why}" if why else ""
-    return TractionModel(metadata, driven, TractionTable(driven, statics), solved)
+    places = metadata.wheel_places
+    half_track = math.nan if places is None else 0.5 * places.track_width
+    return TractionModel(metadata, driven, TractionTable(driven, statics, half_track), solved)
