@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node's estimator, drive by drive: default parameters, every row, screening and gates.
 
-Its published values are compared with the truth: the intervals of c and tan phi at the end, and the
-predicted velocity with the measured one.
+Its published values are compared with the truth: the intervals of c and tan phi at the end, the
+predicted velocity with the measured one, and the most probable soil with the one that is there.
 """
 
 from collections.abc import Iterable, Sequence
@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from studies.accuracy.scores import FROM_PRIOR
 from studies.observations import observations_of
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
@@ -41,6 +42,8 @@ class Streamed:
     identified: NDArray[np.float64]  # [N, 2] 1 where the last status is identified
     innovation: NDArray[np.float64]  # [N, T] measured velocity less the predicted one [m/s]
     variance: NDArray[np.float64]  # [N, T] its predicted variance [m^2/s^2]
+    soil_probability: NDArray[np.float64]  # [N, T] of the most probable soil
+    soil_right: NDArray[np.float64]  # [N, T] 1 where it is the one that is there
     refused: NDArray[np.float64]  # [N] observations that were not used
     observations: NDArray[np.float64]  # [N]
 
@@ -53,17 +56,20 @@ def stream_cell(rover: str, soil: str, spread: float, drives: int, seed: int) ->
 def stream(model: LoadedModel, soil: Soil, spread: float, drives: int, seed: int) -> Streamed:
     """Simulate drives over hills and run the estimator on each.
 
-    Truth is from the prior's range; soil constants are wrong by up to ``spread`` [1]. A drive ends
-    before its first stuck observation. The same seed gives the same drives.
+    Truth is from the prior, above zero; soil constants are wrong by up to ``spread`` [1]. A drive
+    ends before its first stuck observation. The same seed gives the same drives.
     """
     generator = torch.Generator().manual_seed(seed)
-    ground = random_ground(soil, drives, generator, spread)
+    ground = random_ground(soil, drives, generator, spread, FROM_PRIOR)
     drive = simulate(model.rover, ground, "S1", DURATION_S, generator, drives)
     measured = measure_drive(model.rover, drive.sample, Noise(), generator)
     ends = (~drive.sample.stuck).sum(1).tolist()
     truth = ground.patches[0].strength.numpy()
     return joined(
-        [_one(model, observations_of(measured, k)[: ends[k]], truth[k]) for k in range(drives)]
+        [
+            _one(model, observations_of(measured, k)[: ends[k]], truth[k], soil.name)
+            for k in range(drives)
+        ]
     )
 
 
@@ -79,17 +85,26 @@ def joined(parts: Iterable[Streamed]) -> Streamed:
 
 
 def _one(
-    model: LoadedModel, observations: Sequence[Observation], truth: NDArray[np.float64]
+    model: LoadedModel,
+    observations: Sequence[Observation],
+    truth: NDArray[np.float64],
+    soil: str,
 ) -> Streamed:
     estimator, refused = Estimator(model, CoreConfig()), 0
     # a drive that is stuck at once keeps the prior
     estimate = estimator.reject(0, Outcome.DUPLICATE, "").estimate
-    predicted = np.full((2, round(DURATION_S / TIME_STEP)), np.nan)
+    predicted = np.full((4, round(DURATION_S / TIME_STEP)), np.nan)
     for k, observation in enumerate(observations):
         update = estimator.update(observation)
         estimate = update.estimate
         refused += 0 if update.decision.outcome.used else 1 + update.decision.settled
-        predicted[:, k] = update.prediction.innovation, update.prediction.innovation_variance
+        likely = int(np.argmax(estimate.soil_probability))
+        predicted[:, k] = (
+            update.prediction.innovation,
+            update.prediction.innovation_variance,
+            estimate.soil_probability[likely],
+            estimate.soils[likely] == soil,
+        )
     inside = (estimate.lower_95 <= truth) & (truth <= estimate.upper_95)
     values = (
         truth,

@@ -19,6 +19,8 @@ from terramechanics.simulation.sensors import Noise
 
 SETTLED_S = 5.0
 """[s] Predictions before and after this time are judged separately."""
+UNSURE = (0.85, 0.95)
+"""[1] Probabilities of a soil that should be right as often as they say."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +45,15 @@ class StrengthScore:
 
 
 @dataclass(frozen=True, slots=True)
+class SoilScore:
+    """Drives whose most probable soil first had a probability of :data:`UNSURE`, and how it did."""
+
+    drives: int
+    right: int  # whose soil at that time was the one that is there
+    probability: float  # [1] mean of theirs at that time
+
+
+@dataclass(frozen=True, slots=True)
 class StreamCell:
     """One line of the tables."""
 
@@ -56,6 +67,7 @@ class StreamCell:
     tan_phi: StrengthScore
     early: Forecasts
     settled: Forecasts
+    soil_found: SoilScore
 
 
 def score(rover: str, model: str, soil: str, spread: float, streamed: Streamed) -> StreamCell:
@@ -68,8 +80,20 @@ def score(rover: str, model: str, soil: str, spread: float, streamed: Streamed) 
     )
     refused = float(streamed.refused.sum() / streamed.observations.sum())
     return StreamCell(
-        rover, model, soil, spread, len(streamed.truth), refused, cohesion, tan_phi, early, settled
-    )
+        rover, model, soil, spread, len(streamed.truth), refused, cohesion, tan_phi, early, settled,
+        _soil(streamed),
+    )  # fmt: skip
+
+
+def _soil(streamed: Streamed) -> SoilScore:
+    """Judge each drive once, so that drives are independent."""
+    low, high = UNSURE
+    within = (streamed.soil_probability >= low) & (streamed.soil_probability <= high)
+    drives = np.flatnonzero(within.any(1))
+    first = within.argmax(1)[drives]
+    right = int(streamed.soil_right[drives, first].sum())
+    probability = streamed.soil_probability[drives, first]
+    return SoilScore(len(drives), right, float(probability.mean()) if len(drives) else math.nan)
 
 
 def _parameter(streamed: Streamed, k: int) -> StrengthScore:
@@ -106,8 +130,9 @@ velocity predictions calibrated? The drives are simulated, over hills (S1), seed
 - Every row is used, that of the accelerometer too. Observations are screened and gated, and the
   published covariance is inflated where the ground may have changed.
 - The models are {models}. They have to find the soil among three.
-- Truth is uniform in c 0.5 to 5 kPa and phi 15 to 45 deg. "5 %": each of the six soil constants is
-  wrong by up to 5 %, independently. A drive ends at its first stuck second.
+- Truth is from the prior: c (2.75 ± 1.3 kPa) and tan phi (0.6 ± 0.22), both above zero. "5 %":
+  each of the six soil constants is wrong by up to 5 %, independently. A drive ends at its first
+  stuck second.
 - [accuracy.md](accuracy.md) judges more drives, in batches that bypass screening, gates and
   inflation.
 
@@ -125,6 +150,13 @@ few for a verdict on a cell.
 
 - **Spread**: the median predicted deviation over that of the velocity sensor.
 - **Calibration**: the rms predicted deviation over the rms innovation; 1 is right.
+
+"""
+SOILS = """
+## The most probable soil
+
+Is a soil with a probability of 85 to 95 % the right one in 85 to 95 % of the drives? Each drive
+counts once: at the first time at which its most probable soil has such a probability.
 
 """
 WHY = """
@@ -165,6 +197,9 @@ def page(cells: list[StreamCell], measured: str, seed: int) -> str:
         for cell in cells
     ]
     every = table(head, ground) + FORECAST + table((*place, *names, "93 to 97 %"), velocity) + WHY
+    found = [[*_place(cell), *_soils([cell])] for cell in cells]
+    found.append(["all", "", "", str(sum(cell.drives for cell in cells)), *_soils(cells)])
+    every += SOILS + table((*place, "with such a soil", "mean probability %", "right %"), found)
     return licence("stream") + INTRODUCTION.format(**said) + every
 
 
@@ -175,6 +210,17 @@ def _place(cell: StreamCell) -> tuple[str, ...]:
         "5 %" if cell.spread else "exact",
         str(cell.drives),
     )
+
+
+def _soils(cells: list[StreamCell]) -> list[str]:
+    scores = [cell.soil_found for cell in cells if cell.soil_found.drives]
+    drives, right = (sum(getattr(each, name) for each in scores) for name in ("drives", "right"))
+    if not drives:
+        return ["0", "", ""]
+    mean = sum(each.drives * each.probability for each in scores) / drives
+    share = share_of(torch.arange(drives) < right)
+    limits = f"{_percent(share.value)} ({_percent(share.low)} to {_percent(share.high)})"
+    return [str(drives), _percent(mean), limits]
 
 
 def _percent(value: float) -> str:

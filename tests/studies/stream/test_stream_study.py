@@ -6,10 +6,13 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from scipy.stats import binom
 
 from studies.stream import __main__ as stream_study
+from studies.stream.drives import Streamed
+from studies.stream.table import score
 from terrain_estimator.learning.tasks import ROVERS
 
 DRIVES = 2
@@ -65,6 +68,7 @@ def test_the_page_names_model_and_drives_and_what_is_kept_is_not_computed_again(
         "paper_rover-",
         "mars_rover-",
         "| mars | loose | 5 % | 2 |",
+        f"| all |  |  | {4 * DRIVES} |",
     ):
         assert text in page
     before = {path: path.stat().st_mtime_ns for path in folder.rglob("*.npz")}
@@ -72,6 +76,20 @@ def test_the_page_names_model_and_drives_and_what_is_kept_is_not_computed_again(
     assert call(folder) == 0
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*.npz")} == before
     assert (folder / "page.md").read_text() == page
+
+
+def test_each_drive_counts_once_when_its_soil_is_first_neither_sure_nor_unlikely() -> None:
+    nothing = np.zeros((3, 2))
+    probability = np.array([[0.5, 0.9, 0.99], [0.93, 0.6, 0.86], [0.5, 0.84, 0.96]])
+    right = np.array([[0.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 1.0, 1.0]])
+    count = np.ones(3)
+    streamed = Streamed(
+        nothing + 1.0, nothing + 1.0, nothing + 1.0, nothing, nothing,
+        np.ones((3, 100)), np.ones((3, 100)), probability, right, count, count,
+    )  # fmt: skip
+    found = score("mars_rover", "mars_rover-1", "loose_sand", 0.0, streamed).soil_found
+    assert (found.drives, found.right) == (2, 1)
+    assert found.probability == pytest.approx(0.5 * (0.9 + 0.93))
 
 
 def test_no_time_for_one_batch_of_each_cell_is_said(
