@@ -9,7 +9,7 @@ from studies.accuracy.lines import Claim, TableLine
 from studies.accuracy.scores import ParameterScore
 from studies.limited import Limited
 
-MOST_OF_BOUND = 1.3
+MOST_OF_BOUND = 1.15
 """[1] Ratio of error to bound."""
 _ERRORS = (
     ("paper_rover", False, 0.03, 0.04),
@@ -19,8 +19,8 @@ _ERRORS = (
 )
 """Rover, constants wrong, largest median error of c and of tan phi on loose sand after 40 s."""
 _NAMES = ("c", "tan phi")
-_BANDS_95 = (("exact constants", False, (0.93, 0.97)), ("constants 5 % wrong", True, (0.90, 0.98)))
-_BANDS_68 = (("exact constants", False, (0.66, 0.70)), ("constants 5 % wrong", True, (0.63, 0.73)))
+_BANDS_95 = (("exact constants", False, (0.93, 0.97)), ("constants 5 % wrong", True, (0.93, 0.97)))
+_BANDS_68 = (("exact constants", False, (0.64, 0.72)), ("constants 5 % wrong", True, (0.64, 0.72)))
 """Name of the cells, constants wrong, and the range of their coverage."""
 
 Verdict = tuple[str, str, str, str]
