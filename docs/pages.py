@@ -111,6 +111,10 @@ the keys `value` and `unit`. To plot one in Foxglove:
 
     /diagnostics.status[:]{name=="/estimator: latency"}.values[0].value
 
+The check `runtime` also has the keys `runtime` (`compiled` or `torchscript`), `runtime_reason` (why
+it is not the compiled core; empty where it is) and `configuration_sha256`, to which it belongs. The
+recorder writes them into the bag ([recording.md](recording.md#the-bag)).
+
 `slip_source` has the check `refused` only, for its pairs of wheel rates and velocity.
 
 `estimator_health` summarises the checks of the estimator's inputs and updates: `level` is the worst

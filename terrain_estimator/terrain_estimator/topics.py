@@ -40,6 +40,7 @@ HEALTH = "msg_defs/msg/EstimatorHealth"
 DECISION = "msg_defs/msg/MeasurementDecision"
 ADVICE = "msg_defs/msg/TractionAdvice"
 TRUTH = "msg_defs/msg/TerrainTruth"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 OUTPUT_TYPES = {"terrain_estimate": ESTIMATE, "motion_prediction": PREDICTION}
 """Types of the output topics that depend on the stamped inputs alone; replay writes them too."""

@@ -8,9 +8,10 @@ A check takes a number and returns a result. docs/diagnostics.md is written from
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
+from terrain_estimator.config.estimator import COMPILED
 from terrain_estimator.estimator.intake import ADVICE, LEAST_TAKEN
 
 
@@ -66,6 +67,8 @@ class CheckResult:
     value: float
     level: Level
     text: str
+    details: tuple[tuple[str, str], ...] = ()
+    """Keys and values that /diagnostics has beside ``value`` and ``unit``."""
 
     @property
     def name(self) -> str:
@@ -201,6 +204,15 @@ LATENCY = Check(
     0.2,
     1.0,
 )
+RUNTIME = Check(
+    "runtime",
+    "1 where TorchScript runs the model because there is no sound compiled core; the text says what"
+    " runs it, and why not the core",
+    "",
+    "updates take several times as long: make the core, or set runtime to torchscript if that is"
+    " meant",
+    0.0,
+)
 SAVING = Check(
     "saved state",
     "time for which a state has waited to be saved: writing fails or hangs",
@@ -242,11 +254,30 @@ CHECKS = (
     INNOVATION,
     CONDITION,
     LATENCY,
+    RUNTIME,
     SAVING,
     UNRECORDED,
     DISK,
 )
 """In the order of the page."""
+
+
+def judge_runtime(runtime: str, why: str, configuration_sha256: str) -> CheckResult:
+    """Tell what runs the model of a configuration.
+
+    Args:
+        runtime: of RUNTIMES, not ``auto``.
+        why: the compiled core does not run although it was looked for; empty otherwise.
+        configuration_sha256: which depends on the runtime, so that a reader can assign it.
+    """
+    reason = why or ("" if runtime == COMPILED else "the parameter runtime asks for it")
+    text = f"the model runs by {runtime}" + (f": {reason}" if reason else "")
+    details = (
+        ("runtime", runtime),
+        ("runtime_reason", reason),
+        ("configuration_sha256", configuration_sha256),
+    )
+    return replace(RUNTIME.judge(1.0 if why else 0.0, text=text), details=details)
 
 
 def worst(findings: Iterable[CheckResult]) -> tuple[Level, str]:

@@ -25,7 +25,7 @@ from terrain_estimator.compiled.finding import load
 from terrain_estimator.config.estimator import EstimatorNodeConfig
 from terrain_estimator.estimator.saved_state import StateFileError, pack_state
 from terrain_estimator.messaging.averaging import Rate, Treatment
-from terrain_estimator.messaging.diagnostics import REQUIRED, CheckResult
+from terrain_estimator.messaging.diagnostics import REQUIRED, CheckResult, judge_runtime
 from terrain_estimator.messaging.health import HealthMonitor
 from terrain_estimator.messaging.messages import health_message
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
@@ -59,6 +59,7 @@ class EstimatorNode(ManagedNode):
         """Read the parameters; ``options`` are rclpy's. Raises ConfigError where one is wrong."""
         super().__init__("estimator", EstimatorNodeConfig, stop, INPUT_TYPES, **options)
         self._pipeline: Pipeline | None = None
+        self._why = ""  # the compiled core does not run although it was looked for
         self._state_file: StateFileWriter | None = None
         self._health = HealthMonitor()
         self._received_s: dict[str, float] = {}
@@ -100,6 +101,7 @@ class EstimatorNode(ManagedNode):
         if path is not None and path.exists() and not restore(pipeline, path, self.get_logger()):
             # a state that is refused may have been restored in part
             pipeline = Pipeline(model, config)
+        self._why = chosen.why
         self._pipeline, self._health = pipeline, HealthMonitor(self._health.reported_failures)
         self._state_file = state_file
         gc.collect()
@@ -152,8 +154,11 @@ class EstimatorNode(ManagedNode):
             self._configured.set_gate_probability(self.config.estimator.core.gate_probability)
 
     def findings(self) -> Iterator[CheckResult]:
-        """Return the checks of the last health report, of publishers and of the saved state."""
+        """Return the checks of the last health report, of runtime, publishers and saved state."""
         yield from map(self._explained, self._judged)
+        if self._pipeline:
+            sha256 = self._pipeline.meta.configuration_sha256
+            yield judge_runtime(self._pipeline.runtime, self._why, sha256)
         for each in self._input_subscriptions:
             yield incompatible_publishers(self, each.topic, INPUT_TYPES[each.topic], QOS)
         if self._state_file:

@@ -28,17 +28,16 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, BagTopic, BagWriter
 from terrain_estimator.config.recorder import RecorderConfig
 from terrain_estimator.messaging.diagnostics import DISK, FAILURES, UNRECORDED, CheckResult
+from terrain_estimator.messaging.identities import Identities, TooLongError
 from terrain_estimator.nodes.common.bag_qos import bag_qos
 from terrain_estimator.nodes.common.bag_thread import BagThread
 from terrain_estimator.nodes.common.lifecycle import ManagedNode, drain
 from terrain_estimator.nodes.common.message_types import message_class
 from terrain_estimator.nodes.common.publishers import type_conflicts
-from terrain_estimator.topics import HEALTH, OPTIONAL_TOPICS
+from terrain_estimator.topics import DIAGNOSTICS, HEALTH, OPTIONAL_TOPICS
 
 QUEUE = 1000  # messages: minutes of a topic at 10 Hz, so a slow disk loses nothing
 POLL_S = 0.1
-IDENTITY_BYTES = 1 << 16
-"""Largest sum of the identities of estimators in a bag: some 200 of the usual length."""
 
 
 @dataclass(slots=True)
@@ -73,8 +72,7 @@ class RecorderNode(ManagedNode):
         self._discovery: Timer | None = None
         self._sources: dict[str, Source] = {}
         self._adding: dict[str, Future[BagTopic]] = {}
-        self._identities: set[tuple[str, ...]] = set()
-        self._identity_bytes = 0
+        self._identities = Identities()
         self._warnings: set[str] = set()
         self._waiting: list[str] = []
         self._refused: dict[str, str] = {}  # topics that cannot be recorded, and why
@@ -87,8 +85,8 @@ class RecorderNode(ManagedNode):
         """Open the bag."""
         self._name_topics()
         self._thread, self._log_time_ns, self.disk_failed = BagThread(self.config), 0, False
-        self._sources, self._adding, self._identities, self._warnings = {}, {}, set(), set()
-        self._identity_bytes = 0
+        self._sources, self._adding, self._warnings = {}, {}, set()
+        self._identities = Identities()
         self._waiting, self._refused = list(self._topics), {}
 
     @property
@@ -280,7 +278,7 @@ class RecorderNode(ManagedNode):
         subscription = self.create_subscription(
             kind,
             name,
-            cast("Any", self._recording(topic, name, kind)),
+            cast("Any", self._recording(topic, kind)),
             _qos(reliable=reliable, transient_local=transient_local),
             raw=True,
         )
@@ -290,7 +288,7 @@ class RecorderNode(ManagedNode):
         return self._sources[name]
 
     def _recording(
-        self, topic: BagTopic, name: str, kind: type[Any]
+        self, topic: BagTopic, kind: type[Any]
     ) -> Callable[[bytes, dict[str, int]], None]:
         """Return the callback that gives the messages of a topic to the bag's thread."""
         thread = self._bag
@@ -300,8 +298,8 @@ class RecorderNode(ManagedNode):
                 return
             try:
                 thread.bag.write(topic, data, log_time_ns, publish_time_ns)
-                if topic.count.type_name == HEALTH:
-                    self._note_identity(thread.bag, name, data, kind)
+                if topic.count.type_name in {HEALTH, DIAGNOSTICS}:
+                    self._note_identity(thread.bag, topic, data, kind)
             except OSError as error:
                 self._fail(thread, error)
 
@@ -341,30 +339,26 @@ class RecorderNode(ManagedNode):
         self._log_time_ns = max(now_ns, self._log_time_ns)
         return self._log_time_ns
 
-    def _note_identity(self, bag: BagWriter, topic: str, data: bytes, kind: type[Any]) -> None:
-        """Write the model and configuration of an estimator to the metadata, once in a bag."""
+    def _note_identity(self, bag: BagWriter, topic: BagTopic, data: bytes, kind: type[Any]) -> None:
+        """Write model, configuration and runtime of an estimator to the metadata, once in a bag."""
+        name = topic.count.name
         try:
-            health = deserialize_message(data, kind)
+            message = deserialize_message(data, kind)
         except Exception as error:  # noqa: BLE001 - rclpy's errors have no common class
             self._warn_once(
-                f"cannot read {topic}, so the bag does not say which model estimated: {error}"
+                f"cannot read {name}, so the bag does not say which model estimated: {error}"
             )
             return
-        identity = (topic, health.model_id, health.model_sha256, health.configuration_sha256)
-        if identity in self._identities:
+        if topic.count.type_name == DIAGNOSTICS:
+            self._identities.hear(message)
             return
-        size = sum(len(text.encode()) for text in identity)
-        if self._identity_bytes + size > IDENTITY_BYTES:
-            self._warn_once(
-                f"{topic}: the ids of its models and configurations are longer than"
-                f" {IDENTITY_BYTES} bytes, so that the bag's metadata lack the newest: check its"
-                " publishers"
-            )
+        try:
+            identity = self._identities.new(name, message)
+        except TooLongError as error:
+            self._warn_once(str(error))
             return
-        self._identities.add(identity)
-        self._identity_bytes += size
-        names = ("topic", "model_id", "model_sha256", "configuration_sha256")
-        bag.add_metadata("terrain_estimator", dict(zip(names, identity, strict=True)), once=True)
+        if identity:
+            bag.add_metadata("terrain_estimator", identity, once=True)
 
     def _report_match(self, name: str, source: Source) -> None:
         self._waiting.remove(name)

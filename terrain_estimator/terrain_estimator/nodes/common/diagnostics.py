@@ -51,6 +51,7 @@ class DiagnosticsPublisher:
                 values=[
                     KeyValue(key="value", value=f"{finding.value:g}"),
                     KeyValue(key="unit", value=finding.check.unit or "1"),
+                    *(KeyValue(key=key, value=value) for key, value in finding.details),
                 ],
             )
             for finding in findings
