@@ -5,6 +5,7 @@
 import io
 import itertools
 import logging
+import multiprocessing
 import os
 import pickle
 import queue
@@ -37,6 +38,8 @@ class Spread(Protocol):
 PATIENCE_S = 20.0
 """[s] Time after which a scheduler that does not answer is an error."""
 
+_HERE = {"distributed.worker.profile.enabled": False, "distributed.worker.preload": []}
+"""Settings of a worker in this process: its profiler would take a fifth more time."""
 _WORKERS = {
     "distributed.worker.profile.enabled": False,
     # Ctrl-C in a terminal reaches the workers, too, which the command ends itself
@@ -48,11 +51,10 @@ _WORKERS = {
         "MALLOC_MMAP_THRESHOLD_": "33554432",
     },
 }
-"""Settings of the workers of this machine.
+"""Settings of the worker processes of this machine.
 
 They keep the memory that they have freed. By dask's default they return it at once, and tensors of
-some megabytes then cost as much time in page faults as in arithmetic. The profiler would take a
-fifth more.
+some megabytes then cost as much time in page faults as in arithmetic.
 """
 
 
@@ -229,8 +231,9 @@ class Cluster:
 def cluster(scheduler: str, workers: int | None = None) -> Iterator[Cluster]:
     """Spread work over the cluster of the ``scheduler`` (host:port), or over this machine for "".
 
-    On this machine there are ``workers`` processes with one thread, by default one for each CPU.
-    Raises ClusterError where no scheduler answers or it has no worker.
+    On this machine there are ``workers`` processes with one thread, by default one for each CPU. A
+    process that may start no others does the work itself, one item at a time. Raises ClusterError
+    where no scheduler answers or it has no worker, and where such a process is given ``workers``.
     """
     # distributed takes a second to import, and most commands do not need it
     from dask import config  # noqa: PLC0415
@@ -256,15 +259,26 @@ def cluster(scheduler: str, workers: int | None = None) -> Iterator[Cluster]:
                 ) from error
             yield Cluster(client)
         return
-    count = workers or os.cpu_count() or 1
+    alone = not may_start_others()
+    if alone and workers and workers > 1:
+        raise ClusterError("--workers: this process may start no others: leave it out")
+    count = 1 if alone else workers or os.cpu_count() or 1
     with (
-        config.set(_WORKERS),
+        config.set(_HERE if alone else _WORKERS),
         LocalCluster(
-            n_workers=count, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
+            n_workers=count,
+            threads_per_worker=1,
+            processes=not alone,
+            dashboard_address="127.0.0.1:0",
         ) as local,
         Client(local) as client,
     ):
         yield Cluster(client)
+
+
+def may_start_others() -> bool:
+    """Return whether this process may start others; a daemonic one, as dask's workers, may not."""
+    return not multiprocessing.current_process().daemon
 
 
 @contextmanager

@@ -6,7 +6,6 @@ On a cluster every finished piece is on the disk before it counts. A run goes to
 and again only where its worker was lost.
 """
 
-import multiprocessing
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -22,7 +21,7 @@ from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.progress import ProgressCallback
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.offline.bag_options import BagOptions
-from terrain_estimator.offline.cluster import Cluster, cluster
+from terrain_estimator.offline.cluster import Cluster, cluster, may_start_others
 from terrain_estimator.offline.digest import code_sha256, digest
 from terrain_estimator.offline.pieces import Pieces, pack, unpack
 from terrain_estimator.offline.provenance import bag_sha256
@@ -187,7 +186,7 @@ def workplace(
         JournalError: the pieces in ``out`` are of a search with another ``identity``.
         ConfigError: this process may not start others.
     """
-    alone = bool(multiprocessing.current_process().daemon)  # such as a worker of dask
+    alone = not may_start_others()
     if not scheduler and (workers == 1 or (not workers and (bags <= FEW or alone))):
         yield Here(), None
         return

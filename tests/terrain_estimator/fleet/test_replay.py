@@ -2,14 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A fleet on workers of this machine: the results of replay, each content once, in any order."""
 
+import io
 import math
 import shutil
+from contextlib import redirect_stderr
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
 from terrain_estimator.cli.fleet import main
+from terrain_estimator.offline.cluster import cluster
 from tests.terrain_estimator.fleet.fleets import rows, tables, write_bags
 from tests.terrain_estimator.offline.replays import estimates, run
 
@@ -115,3 +118,23 @@ def test_a_source_that_is_not_there_is_a_wrong_argument(
     source = tmp_path / "nowhere"
     assert main(["replay", str(source), "--workers", "1", "--out", str(tmp_path / "out")]) == 2
     assert str(source) in capsys.readouterr().err
+
+
+def in_a_worker(arguments: list[str]) -> tuple[int, str]:
+    """Run the command in this process; return its exit code and what it says of errors."""
+    said = io.StringIO()
+    with redirect_stderr(said):
+        return main(arguments), said.getvalue()
+
+
+def test_it_runs_inside_a_daemonic_worker_and_starts_no_others(bags: Path, tmp_path: Path) -> None:
+    def command(name: str, *more: str) -> list[str]:
+        return ["replay", str(bags / "week"), "--out", str(tmp_path / name), *more]
+
+    with cluster("", workers=1) as on:
+        code, _ = on.result(on.start(in_a_worker, command("within")))
+        assert code == 0
+        code, said = on.result(on.start(in_a_worker, command("two", "--workers", "2")))
+    assert (code, said) == (2, "fleet: --workers: this process may start no others: leave it out\n")
+    assert main(command("alone", "--workers", "1")) == 0
+    assert tables(tmp_path / "within") == tables(tmp_path / "alone")
