@@ -8,10 +8,12 @@ import shutil
 import subprocess
 from pathlib import Path
 
+from terrain_estimator.compiled.readme import readme
 from terrain_estimator.compiled.source import cpp_of
+from terrain_estimator.model.metadata import read_metadata
 
 RUNTIME = Path(__file__).parent / "runtime"
-MODEL = "model.cpp"
+MODEL, README = "model.cpp", "README.md"
 LIMIT_S = 600.0
 """[s] Time that a compiler may take, which takes 20 s otherwise."""
 
@@ -33,6 +35,8 @@ def write_core(model: Path, folder: Path) -> None:
     for part in sorted(RUNTIME.iterdir()):
         shutil.copyfile(part, folder / part.name)
     (folder / MODEL).write_text(text, encoding="utf-8")
+    metadata = read_metadata(model.with_suffix(".json"))
+    (folder / README).write_text(readme(metadata), encoding="utf-8")
 
 
 def build_core(folder: Path, library: Path, *extra: str) -> None:

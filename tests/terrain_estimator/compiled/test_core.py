@@ -55,6 +55,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def four_wheels(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Return a model of two axles without a joint, and its exported core, not compiled."""
+    written = tmp_path_factory.mktemp("four_wheels")
+    model = exported(FOUR_WHEELS, written)
+    assert export_core.main([str(model), str(written / "core")]) == 0
+    return model, written / "core"
+
+
 def observed_drive(seconds: float) -> list[Observation]:
     model = load_model("mars_rover")
     return drive_observations(model.rover, model.metadata.soils[0], seconds, seed=11)
@@ -261,16 +270,18 @@ def by_wheel(folder: Path) -> Path:
 
 @pytest.mark.parametrize("kind", ["mars_rover", "four_wheels", "by_wheel"])
 def test_an_exported_folder_builds_and_checks_itself(
-    folder: Path, tmp_path: Path, kind: str
+    folder: Path, four_wheels: tuple[Path, Path], tmp_path: Path, kind: str
 ) -> None:
     """Of a model that ships, of one with two axles and without a joint, and of single wheels."""
     place, name = tmp_path / "core", kind
-    if kind == "mars_rover":
-        shutil.copytree(folder, place)
-    else:
-        written = by_wheel(tmp_path) if kind == "by_wheel" else exported(FOUR_WHEELS, tmp_path)
-        name = str(written)
+    if kind == "by_wheel":
+        name = str(by_wheel(tmp_path))
         assert export_core.main([name, str(place)]) == 0
+    elif kind == "four_wheels":
+        name = str(four_wheels[0])
+        shutil.copytree(four_wheels[1], place)
+    else:
+        shutil.copytree(folder, place)
     (place / "compile_flags.txt").write_text("-std=c++17\n-O0\n-ffp-contract=off\n")
     for command in (["cmake", "-B", "build"], ["cmake", "--build", "build"]):
         subprocess.run(command, cwd=place, check=True, capture_output=True)
@@ -296,13 +307,16 @@ CROSS, QEMU = shutil.which("aarch64-linux-gnu-g++"), shutil.which("qemu-aarch64"
 @pytest.mark.skipif(
     not (CROSS and QEMU), reason="needs Debian's g++-aarch64-linux-gnu and qemu-user"
 )
-def test_another_processor_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("wheels", [4, 6])
+def test_another_processor_gives_the_same_bytes(
+    folder: Path, four_wheels: tuple[Path, Path], tmp_path: Path, wheels: int
+) -> None:
     """The checksum of all numbers of the recorded drive, and the difference from TorchScript."""
-    said = []
+    source, said = folder if wheels == 6 else four_wheels[1], []
     for compiler, runner in (("g++", []), (str(CROSS), [str(QEMU)])):
         program = tmp_path / Path(compiler).name
-        flags = ["-std=c++17", "-O0", "-ffp-contract=off", "-static", f"-I{folder}"]
-        parts = [str(folder / name) for name in ("check.cpp", "model.cpp")]
+        flags = ["-std=c++17", "-O0", "-ffp-contract=off", "-static", f"-I{source}"]
+        parts = [str(source / name) for name in ("check.cpp", "model.cpp")]
         subprocess.run([compiler, *flags, "-o", str(program), *parts], check=True)
         done = subprocess.run([*runner, str(program)], check=True, capture_output=True, text=True)
         said.append(done.stdout)

@@ -15,6 +15,10 @@
 #include <cstring>
 #include <limits>
 
+#ifndef __GNUC__
+#error "compile with GCC or Clang: the runtime uses their attributes and vector types"
+#endif
+
 // In a loop, so that it takes several at once.
 #define TERRAIN_INLINE inline __attribute__((always_inline))
 // The same for the body of a loop.

@@ -9,14 +9,16 @@
 
 #include <cstdio>
 
+#include "terrain_core.h"
+
 #define TERRAIN_API extern "C" __attribute__((visibility("default")))
 
-namespace terrain {
-
-struct State {
-  Dictionary<Tensor> tensors;
+struct TerrainState {
+  terrain::Dictionary<terrain::Tensor> tensors;
 };
+using State = TerrainState;
 
+namespace terrain {
 namespace {
 
 char last_error[256] = "";
@@ -44,8 +46,6 @@ Tensor vector(const double* values, int64_t count) {
 
 }  // namespace
 }  // namespace terrain
-
-using terrain::State;
 
 // Of this interface; a caller refuses another one.
 TERRAIN_API int64_t terrain_version() { return 1; }
