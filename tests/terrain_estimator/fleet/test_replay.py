@@ -4,6 +4,7 @@
 
 import io
 import math
+import re
 import shutil
 from contextlib import redirect_stderr
 from pathlib import Path
@@ -17,6 +18,9 @@ from tests.terrain_estimator.fleet.fleets import rows, tables, write_bags
 from tests.terrain_estimator.offline.replays import estimates, run
 
 BAGS = 4
+COUNT = re.compile(
+    r"fleet: \d+%, \d+ s left \d+ done, \d+ damaged, \d+ equal, \d+( and more)? left"
+)
 
 
 @pytest.fixture(scope="module")
@@ -30,13 +34,20 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_two_workers_give_what_one_gives_and_what_replay_gives(
-    bags: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    bags: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr("terrain_estimator.console.progress.LINE_PERIOD_S", 0.0)
     for workers in ("1", "2"):
         assert main(["replay", str(bags), "--workers", workers, "--out", str(tmp_path / workers)])
         told = capsys.readouterr()
         assert told.err.count(f"fleet: {bags}/broken.mcap is not an MCAP file") == 1
         assert "has the content of" in told.err
+        counts = [line for line in told.err.splitlines() if COUNT.fullmatch(line)]
+        assert counts[-1] == "fleet: 100%, 0 s left 4 done, 1 damaged, 1 equal, 0 left"
+        assert len(set(counts)) > 2, "it counts while it works"
         assert "6 bags: 4 with an estimate, 1 equal to another, 1 damaged" in told.out
     assert tables(tmp_path / "1") == tables(tmp_path / "2")
 

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
+from terrain_estimator.fleet.work import AHEAD
 from tests.terrain_estimator.fleet import observed_worker as worker_module
 from tests.terrain_estimator.fleet.fleets import (
     PATIENCE_S,
@@ -139,6 +140,11 @@ def test_kills_of_client_worker_and_scheduler_cost_only_what_was_under_way(tmp_p
         again = cluster.count("begin") - before
         assert not known & set(again)
         assert cluster.count("end").total() >= BAGS
+        # what is under way at a kill may be begun again: on both workers at that of the client and
+        # of the scheduler, on one at its own
+        begun = cluster.count("begin")
+        assert len(begun) == BAGS
+        assert begun.total() - BAGS <= (2 + 1 + 2) * AHEAD
         assert [row["outcome"] for row in rows(out)] == ["estimate"] * BAGS
         undisturbed = tmp_path / "undisturbed"
         assert start_client(undisturbed).wait(PATIENCE_S) == 0
