@@ -46,9 +46,9 @@ Around the core, Python screens, judges and sums up: on a machine half as fast, 
 observation, and 400 us where a block closes. Half of these 400 us are waits for memory: the core
 has filled the cache with its own numbers by then.
 
-TorchScript spends its time on the dispatch of small operations, not on their arithmetic:
-`torch.profiler` counts 480 calls of torch's operators in an update, and 4900 in one that closes a
-block, of one to three microseconds each.
+TorchScript spends its time on the dispatch of small operations, not on their arithmetic: an update
+calls hundreds of torch's operators, one that closes a block thousands, and each call takes a
+microsecond or more. `torch.profiler` counts them.
 
 Around the estimate, the node's time goes to rclpy: turning bytes into messages, and waiting.
 rclpy's executor builds its wait set anew for every wake-up, from each service, timer and event.
