@@ -19,7 +19,7 @@ from torch import Tensor
 
 from terramechanics.contact.stresses import quadrature
 from terramechanics.numerics.roots import damped_newton, quasi_newton
-from terramechanics.vehicle.body_step import SMALL, BodyStep
+from terramechanics.vehicle.body_step import SMALL, BodyStep, Method
 from terramechanics.vehicle.chassis import Chassis
 from terramechanics.vehicle.climbing import Climb
 
@@ -29,6 +29,8 @@ FASTEST = 4.0
 """[1] Bound of the inner rim's speed and of the lateral velocity, in units of the outer rims'."""
 NEXT = 0.05
 """[1] Largest step from one turn to a tighter one that is sought from it."""
+BOTH = (quasi_newton, damped_newton)
+"""Methods in turn: the second is slow, and gets where the first does not."""
 NO_PULL = -1.0
 """[weights] Pull in a turn that no rate of the inner wheels holds."""
 
@@ -148,16 +150,17 @@ def turn(
     )
     way = _way(shares)
     places = [way.index(share) for share in shares]
-    tried = [_solved(equations.at(0.0, slip), unknown, limits)]
+    tried = [_solved(equations.at(0.0, slip), unknown, limits, *BOTH)]
     for share in way[1:]:
-        tried.append(_solved(equations.at(share, slip), tried[-1][0], limits))
+        methods = BOTH if share in {*shares} else BOTH[:1]
+        tried.append(_solved(equations.at(share, slip), tried[-1][0], limits, *methods))
     # What is not reached from straight on may be from the spot.
     for at in range(len(way) - 2, -1, -1):
         unknown, solved = tried[at]
         left = (~solved & tried[at + 1][1]).nonzero().squeeze(-1)
         if left.numel() > 0:
             part = equations.at(way[at], slip).rows(left)
-            unknown[left], solved[left] = _solved(part, tried[at + 1][0][left], limits)
+            unknown[left], solved[left] = _solved(part, tried[at + 1][0][left], limits, *BOTH)
     pulls, depths = [], []
     for share, (unknown, solved) in zip(shares, (tried[place] for place in places), strict=True):
         here = equations.at(share, slip)
@@ -177,11 +180,11 @@ def _way(shares: Sequence[float]) -> list[float]:
 
 
 def _solved(
-    equations: _Turn, start: Tensor, limits: tuple[Tensor, Tensor]
+    equations: _Turn, start: Tensor, limits: tuple[Tensor, Tensor], *methods: Method
 ) -> tuple[Tensor, Tensor]:
     """Return the unknowns, those of the start where there is no solution, and where there is."""
     unknown, solved = start.clone(), torch.zeros(len(start), dtype=torch.bool)
-    for method in (quasi_newton, damped_newton):
+    for method in methods:
         left = (~solved).nonzero().squeeze(-1)
         if left.numel() == 0:
             break
