@@ -11,6 +11,7 @@ import benchmarks.page as benchmarks
 import benchmarks.soak.page as soak
 import studies.accuracy.table as accuracy
 import studies.change.table as change
+import studies.independent_reference.table as independent
 import studies.long.table as long_drives
 import studies.measured.table as wheels
 import studies.recursion.table as recursion
@@ -29,6 +30,7 @@ PROSE = (
     *(("change", text) for text in (change.INTRODUCTION, change.TERMS)),
     *(("stream_study", text) for text in (stream.INTRODUCTION, stream.FORECAST, stream.WHY)),
     *(("long_drives", text) for text in (long_drives.PAGE, long_drives.TERMS)),
+    *(("independent_reference", text) for text in (independent.INTRODUCTION, independent.MODEL)),
     *(("measured", text) for text in (wheels.INTRODUCTION, wheels.VERDICTS, wheels.HELD_OUT)),
     *(("measured", text) for text in (wheels.WHEELS, wheels.FREE, wheels.STRENGTH)),
     *(("recursion", text) for text in (recursion.INTRODUCTION, recursion.LEGEND, recursion.WHY)),
@@ -64,6 +66,7 @@ WRITTEN = (
     "change",
     "faults",
     "hidden",
+    "independent_reference",
     "long_drives",
     "measured",
     "paper",
