@@ -46,18 +46,22 @@ _FOLDERS = {
     "robustness": ("studies/robustness",),
     "measured": ("studies/measured",),
     "names": ("studies/false_names",),
+    "independent-reference": ("studies/independent_reference",),
 }
 """Folders whose modules each command of the Makefile runs; what they import follows."""
 _NO_FIGURES = re.compile(
     r"(^|\.)(cli|console|importing|demonstration|rover_parameters)\b"
     r"|\.(__main__|config|model_file|outcome|topics|workers|records|command|pieces|tables?|lines"
-    r"|page|targets|figures)$"
+    r"|page|targets|figures)$|^docs\.provenance$"
 )
-"""Modules that may change without any figure changing: they parse arguments, read and print."""
+"""Modules that may change without any figure changing: they parse arguments, read and print.
+
+This one is among them, so that a new study does not mark the pages of the others.
+"""
 _DATA = (".yaml", ".json")
 _MARK = " **The code has changed since.**"
 _LINE = re.compile(
-    r"(?P<begin>Measured by `make (?P<command>[a-z]+)[^`]*` on [\d-]+ at commit [^.\s]+\.)"
+    r"(?P<begin>Measured by `make (?P<command>[a-z-]+)[^`]*` on [\d-]+ at commit [^.\s]+\.)"
     r"(?: \*\*[^*]+\*\*)? <!-- code (?P<code>[\w-]+) -->"
 )
 
