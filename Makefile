@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test test-long colcon-test first-use lint train accuracy long change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag foreign-turns robustness measured names lateral off-plane by-wheel sensors pages docs pictures measures sbom audit workspace environment clean
+.PHONY: help demo discover test test-long colcon-test first-use lint train accuracy long change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag foreign-turns robustness measured names independent-reference lateral off-plane by-wheel sensors pages docs pictures measures sbom audit workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -76,6 +76,9 @@ measured: workspace  ## judge the contact law on wheels that laboratories measur
 
 names: workspace  ## false names on simulated tables of one wheel, 25 minutes of one core: docs/false_names.md
 	ros2_ws/with python -m studies.false_names $(ARGS)
+
+independent-reference: workspace  ## judge the estimator beside a posterior that shares no rows with it, 1 h of one core: docs/independent_reference.md
+	ros2_ws/with python -m studies.independent_reference $(ARGS)
 
 recursion: workspace  ## judge a recursion that never relinearises beside the model's: docs/recursion.md
 	ros2_ws/with python -m studies.recursion $(ARGS)

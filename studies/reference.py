@@ -7,6 +7,7 @@ velocity, centre of mass and accelerometer bias with a known covariance, so thes
 Kalman recursion is exact. The reference checks the model's Gauss-Newton in (c, tan phi) and its
 bank. The rows are the model's, expanded where it expanded them, so an error of that expansion is in
 both; soil constants are exact, the soil is one, and there is no net.
+``studies.independent_reference`` shares no rows with the model.
 """
 
 from typing import NamedTuple
