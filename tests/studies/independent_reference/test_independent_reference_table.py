@@ -43,6 +43,7 @@ def test_drives_count_whose_mean_and_deviation_are_within_the_target() -> None:
         assert each.largest == pytest.approx(0.4)
     assert found.joint == [1, 1, 1]
     assert found.distance == [1.0, 3.0, 2.0, 1.0]
+    assert found.bias == [pytest.approx([0.0, 0.0], abs=0.2)] + [[0.0, 0.0]] * 3
     assert found.twice == 1
     assert found.moved == pytest.approx([0.05, 0.0])
     text = page([found], "Measured.", 7)
