@@ -192,8 +192,8 @@ Figures of 2026-11-27; those in brackets are of 20 more drives with every row, s
 no page keeps.
 
 - **Without torques the target is met** in 18 of 20 drives by both priors, and no mean is shifted.
-  **With torques it is missed**: means of c / tan phi are within in 17 / 15 of 20 (17 / 15) if inputs
-  are alike, in 6 / 6 (8 / 8) if they are flat. Deviations are within in 19 (19) or more.
+  **With torques it is missed**: means of c / tan phi are within in 17 / 15 of 20 (17 / 15) if the
+  inputs are alike, in 6 / 6 (8 / 8) if they are flat. Deviations are within in 19 (19) or more.
 - **Flat or alike** makes the difference where wheels slip. The torques tell the slips, more or less
   well by c and tan phi, and a flat prior takes what they leave open as evidence: little in each
   instant, but to the same side in all. The truth speaks against that: over all 40 drives the flat
