@@ -48,6 +48,7 @@ setup(
             "recover_bag = terrain_estimator.cli.recover_bag:main",
             "csv_to_bag = terrain_estimator.cli.csv_to_bag:main",
             "import_rose = terrain_estimator.cli.import_rose:main",
+            "import_urdf = terrain_estimator.cli.import_urdf:main",
             "train = terrain_estimator.cli.train:main",
             "add_effect = terrain_estimator.cli.add_effect:main",
             "fleet = terrain_estimator.cli.fleet:main",
