@@ -10,7 +10,7 @@ from typing import Any
 from rover_parameters.records import entry, number
 from terramechanics.terrain.soil import Soil
 
-FOLLOW = "cmd_vel"
+FOLLOW, FOLLOW_WHEELS = "cmd_vel", "wheel_commands"
 """The schedule that follows velocity commands."""
 
 
@@ -67,7 +67,11 @@ class SimulatorConfig:
     soil: str = entry("soil, a name or a YAML file", "loose_sand")
     soil_overrides: SoilOverrides = field(default_factory=SoilOverrides)
     change: GroundChange = field(default_factory=GroundChange)
-    schedule: str = entry("drive: S1, S2, S3, S4, or cmd_vel to follow velocity commands", "S1")
+    schedule: str = entry(
+        "drive: S1, S2, S3, S4, or cmd_vel to follow velocity commands; with steering also"
+        " wheel_commands, to follow rates and steering angles of every wheel",
+        "S1",
+    )
     profile: str = entry(
         "terrain: flat, hills, ramp or step; empty: that of the schedule (cmd_vel: flat)", ""
     )

@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
@@ -27,7 +28,7 @@ from rover_parameters.command_line import print_error, run
 from rover_parameters.declare import declare
 from rover_parameters.ending import destroy
 from rover_parameters.records import ConfigError
-from rover_sim_node.config import SimulatorConfig
+from rover_sim_node.config import FOLLOW, FOLLOW_WHEELS, SimulatorConfig
 from rover_sim_node.messages import SECOND_NS, TYPES, clock_message, step_messages, truth_message
 from rover_sim_node.pacing import Pace
 from rover_sim_node.reading import GroundTruth, SimulatedReading
@@ -85,8 +86,11 @@ class SimulatorNode(Node):
         self._sequence, self._truths = 0, 0
         self._start_ns = 0
         self._warned_stuck = False
-        if self.run.commands is not None:
-            self.create_subscription(Twist, "cmd_vel", self._take_command, QOS)
+        self._wheels = self.run.wheel_commands if isinstance(self.run, TurningRun) else None
+        if self._wheels is not None:
+            self.create_subscription(JointState, FOLLOW_WHEELS, self._take_wheels, QOS)
+        elif self.run.commands is not None:
+            self.create_subscription(Twist, FOLLOW, self._take_command, QOS)
 
     def unmatched(self) -> list[str]:
         """Return the topics that have fewer subscribers than the run waits for."""
@@ -183,12 +187,19 @@ class SimulatorNode(Node):
         commands = self.run.commands
         if commands is None:
             return
-        refusal = commands.request(
-            (linear.x, linear.y, linear.z), (angular.x, angular.y, angular.z)
+        self._refuse(
+            commands.request((linear.x, linear.y, linear.z), (angular.x, angular.y, angular.z))
         )
-        if refusal:
+
+    def _take_wheels(self, message: JointState) -> None:
+        if self._wheels is not None:
+            given = (list(each) for each in (message.name, message.velocity, message.position))
+            self._refuse(self._wheels.request(*given))
+
+    def _refuse(self, why: str) -> None:
+        if why:
             self.get_logger().error(
-                f"velocity command refused: {refusal}", throttle_duration_sec=LOG_PERIOD_S
+                f"velocity command refused: {why}", throttle_duration_sec=LOG_PERIOD_S
             )
 
 

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from rover_parameters.records import ConfigError
-from rover_sim_node.config import FOLLOW, SimulatorConfig
+from rover_sim_node.config import FOLLOW, FOLLOW_WHEELS, SimulatorConfig
 from rover_sim_node.reading import (
     FIXED,
     FIXED_SD,
@@ -23,7 +23,8 @@ from rover_sim_node.reading import (
     single,
 )
 from rover_sim_node.run import plant_of
-from rover_sim_node.twist_commands import SKID, TwistCommands
+from rover_sim_node.twist_commands import SKID, TwistCommands, check_steering
+from rover_sim_node.wheel_commands import WheelCommands
 from terramechanics.description.layout import track_width_of
 from terramechanics.effects import EFFECTS, Description
 from terramechanics.presets import load_rover, load_soil
@@ -65,6 +66,9 @@ class TurningRun:
             )
         soil = soil.for_wheel(self.rover.wheel_width)
         self.commands = TwistCommands(chassis, config)
+        self.wheel_commands = (
+            WheelCommands(self.rover, config) if config.schedule == FOLLOW_WHEELS else None
+        )
         self._truth = GroundTruth(
             soil.name, 0.0, tuple(soil.constants().tolist()), (soil.cohesion, soil.tan_phi)
         )
@@ -98,7 +102,7 @@ class TurningRun:
     def step(self) -> SimulatedReading:
         """Simulate one step; return its reading. Raises TerrainError where it has no solution."""
         time = (self._simulation.steps + 1) * self._step
-        body = self._simulation.step(*self.commands.command(time))
+        body = self._simulation.step(*(self.wheel_commands or self.commands).command(time))
         if not bool(body.solved):
             raise TerrainError(
                 f"{self.rover.name}: no wheel loads balance after {time:g} s: the slope is too"
@@ -270,10 +274,12 @@ def _acts_in_turns(effect: Description) -> bool:
 
 def _check(config: SimulatorConfig) -> None:
     """Refuse what is simulated for rovers that drive straight alone."""
+    check_steering(config)
     why = f"with steering {config.steering}"
-    if config.schedule != FOLLOW:
+    if config.schedule not in {FOLLOW, FOLLOW_WHEELS}:
         raise ConfigError(
-            f"parameter schedule: {config.schedule} drives straight ahead; {why} give {FOLLOW}"
+            f"parameter schedule: {config.schedule} drives straight ahead; {why} give {FOLLOW} or"
+            f" {FOLLOW_WHEELS}"
         )
     if config.profile not in ("", "flat", "ramp", "hills"):
         raise ConfigError(

@@ -22,6 +22,15 @@ SHARPEST = 0.8
 Triple = tuple[float, float, float]
 
 
+def check_steering(config: SimulatorConfig) -> None:
+    """Raise ConfigError where the way to turn is none of STEERINGS."""
+    if config.steering not in STEERINGS:
+        raise ConfigError(
+            f"parameter steering: {config.steering!r} is unknown, give one of"
+            f" {', '.join(STEERINGS)}, or nothing for a rover that drives straight"
+        )
+
+
 class TwistCommands:
     """Turn the last velocity command into wheel commands, with bounded accelerations.
 
@@ -31,11 +40,6 @@ class TwistCommands:
     def __init__(self, chassis: Chassis, config: SimulatorConfig) -> None:
         """Start at rest. Raises ConfigError that names a wrong parameter."""
         check_timeout(config)
-        if config.steering not in STEERINGS:
-            raise ConfigError(
-                f"parameter steering: {config.steering!r} is unknown, give one of"
-                f" {', '.join(STEERINGS)}, or nothing for a rover that drives straight"
-            )
         self._chassis, self._config = chassis, config
         self._wanted, self._twist = torch.zeros(2, 3, dtype=torch.float64)
         self._fresh_until, self._now = -math.inf, 0.0

@@ -155,6 +155,31 @@ def test_it_follows_velocity_commands_stops_when_they_stop_and_refuses_to_turn(
     assert process.interrupt() == 0
 
 
+def test_it_follows_commands_wheel_by_wheel_and_refuses_a_wheel_it_does_not_have(
+    start: Starter, listener: Listener
+) -> None:
+    given = ("rover:=four_wheel_rover", "steering:=skid", "schedule:=wheel_commands", "noise:=0.0")
+    process = simulator(start, *given, "real_time_factor:=5.0")
+    heard = collect(listener)
+    odometry = heard["odom"]
+    publisher = listener.publisher(JointState, "wheel_commands")
+    listener.wait_for_messages(heard["wheel_slip"], 3)
+    rates = {"front_left": -1.0, "front_right": 1.5, "rear_left": -1.0, "rear_right": 1.5}
+
+    def turns() -> bool:
+        publisher.publish(JointState(name=list(rates), velocity=list(rates.values())))
+        return bool(odometry[-1].twist.twist.angular.z > 0.1)
+
+    listener.spin_until(turns, "the rover turns", seen=lambda: odometry[-1].twist.twist.angular.z)
+    publisher.publish(JointState(name=["middle_left"], velocity=[1.0]))
+    listener.spin_until(
+        lambda: "middle_left is no joint to command" in process.output,
+        "the command is refused with its reason",
+        seen=lambda: process.output,
+    )
+    assert process.interrupt() == 0
+
+
 def test_with_steering_it_turns_as_commanded_and_says_so(
     start: Starter, listener: Listener
 ) -> None:
