@@ -104,6 +104,8 @@ def _slip(reading: SimulatedReading, header: Header, sequence: int) -> WheelSlip
         wheel=names,
         slip=_doubles(measured.slip),
         slip_stddev=_doubles(measured.slip_sd),
+        lateral_slip=_doubles(reading.across.lateral_slip),
+        slip_angle=_doubles(reading.across.slip_angle),
     )
 
 

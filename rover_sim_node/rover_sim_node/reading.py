@@ -3,11 +3,13 @@
 """What a simulated drive gives after each step: measurements of one rover, and the truth."""
 
 import dataclasses
+import math
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
-from terramechanics.simulation.sample import Measurement
+from terramechanics.simulation.sample import SLOWEST, Measurement
 from terramechanics.vehicle.rover import Rover
 
 FIXED = 1e-12
@@ -45,6 +47,23 @@ STRAIGHT = SidewaysMotion()
 
 
 @dataclass(frozen=True, slots=True)
+class MotionAcross:
+    """True motion of the hubs across the wheels' headings [wheels], NaN where a wheel stands."""
+
+    lateral_slip: Tensor  # [1] v_y / (r |w|), to the left
+    slip_angle: Tensor  # [rad] atan2(v_y, v_x), to the left
+
+    @classmethod
+    def of(cls, rim: Tensor, along: Tensor, across: Tensor) -> "MotionAcross":
+        """Return it of rim speeds r w and of the hubs' velocities [wheels] [m/s]."""
+        turns = rim.abs() > SLOWEST
+        return cls(
+            torch.where(turns, across / rim.abs(), math.nan),
+            torch.where(turns, torch.atan2(across, along), math.nan),
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class SimulatedReading:
     """Measurements and truth after one step of one rover; tensors are [wheels] and []."""
 
@@ -52,6 +71,7 @@ class SimulatedReading:
     rover: Rover
     measured: Measurement  # per wheel
     wheel_angle: Tensor  # [wheels] [rad] turned since the start
+    across: MotionAcross
     bogie_angle: float  # [rad] nose-up
     bogie_rate: float  # [rad/s]
     # [wheels, 4] true N, T [N], contact angle [rad] and side force to the left [N] of each wheel

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from rover_parameters.records import ConfigError
 from rover_sim_node.config import FOLLOW, SimulatorConfig
-from rover_sim_node.reading import FIXED, GroundTruth, SimulatedReading, single
+from rover_sim_node.reading import FIXED, GroundTruth, MotionAcross, SimulatedReading, single
 from rover_sim_node.velocity_commands import VelocityCommands
 from terramechanics.effects import describe, make_effect
 from terramechanics.presets import load_rover, load_soil
@@ -91,6 +91,7 @@ class SimulatedRun:
             rover=self.rover,
             measured=measured,
             wheel_angle=self._wheel_angle,
+            across=self._across(sample),
             bogie_angle=angle,
             bogie_rate=rate,
             ground_force=self._ground_force(sample),
@@ -101,6 +102,12 @@ class SimulatedRun:
             stuck=bool(sample.stuck),
             specific_force=(0.0, self.rover.gravity * math.cos(float(measured.pitch))),
         )
+
+    def _across(self, sample: Sample) -> MotionAcross:
+        axles = list(self.rover.wheel_axle)
+        rim = self.rover.wheel_radius * sample.wheel_rate[0, axles]
+        along = rim * (1.0 - sample.slip[0, axles])
+        return MotionAcross.of(rim, along, torch.zeros_like(rim))
 
     def _ground_force(self, sample: Sample) -> Tensor:
         none = torch.zeros_like(sample.normal)  # to a side

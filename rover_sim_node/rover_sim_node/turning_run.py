@@ -18,6 +18,7 @@ from rover_sim_node.reading import (
     FIXED,
     FIXED_SD,
     GroundTruth,
+    MotionAcross,
     SidewaysMotion,
     SimulatedReading,
     single,
@@ -125,6 +126,9 @@ class TurningRun:
             rover=self.rover,
             measured=measured,
             wheel_angle=self._wheel_angle,
+            across=MotionAcross.of(
+                *(each[0, self._places] for each in (body.rim, body.along, body.across))
+            ),
             bogie_angle=bogie,
             bogie_rate=rate,
             ground_force=_ground_force(sample, body.forces[:, self._places, 3]),

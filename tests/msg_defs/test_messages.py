@@ -37,6 +37,8 @@ def test_the_check_of_units_sees_fields_and_constants() -> None:
         "sequence",
         "slip",
         "slip_stddev",
+        "lateral_slip",
+        "slip_angle",
     }
 
 

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from rover_parameters.records import ConfigError
-from rover_sim_node.config import GroundChange, SimulatorConfig, SoilOverrides
+from rover_sim_node.config import FOLLOW, GroundChange, SimulatorConfig, SoilOverrides
 from rover_sim_node.messages import clock_message, step_messages, truth_message
 from rover_sim_node.reading import SimulatedReading
 from rover_sim_node.run import SimulatedRun
@@ -211,6 +211,20 @@ def test_the_truth_names_the_effect_with_its_size_and_the_report_of_a_run_shows_
     message = truth_message(reading.truth, config, 0, 0)
     assert list(zip(message.effect, message.effect_value, message.effect_unit, strict=True)) == told
     assert run_report._truth(message).ground == ground
+
+
+def test_a_wheel_straight_ahead_has_no_motion_across_and_one_that_stands_none_to_tell() -> None:
+    steps = messages(CONFIG, 20)
+    for step in steps:
+        slip = step["wheel_slip"]
+        expected = [slips * 0.0 for slips in slip.slip]
+        for found in (slip.lateral_slip, slip.slip_angle):
+            np.testing.assert_array_equal(found, expected)
+    assert any(np.isfinite(step["wheel_slip"].slip).all() for step in steps)
+    standing = dataclasses.replace(CONFIG, schedule=FOLLOW)
+    (step,) = messages(standing, 1)
+    assert np.isnan(step["wheel_slip"].lateral_slip).tolist() == [True] * 6
+    assert np.isnan(step["wheel_slip"].slip_angle).tolist() == [True] * 6
 
 
 def test_a_rover_without_commands_stands_and_its_slip_is_undefined() -> None:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drives of a rover that turns: against the planar one, and what its sensors and messages say."""
 
+import cmath
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -26,6 +27,7 @@ from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terramechanics import presets
+from terramechanics.description.layout import track_width_of, wheel_centres
 from terramechanics.presets import load_rover
 from terramechanics.simulation.spatial import Plane
 from terramechanics.vehicle.stance import rotation
@@ -85,6 +87,36 @@ def test_wheels_of_a_turning_skid_steer_slip_differently_left_and_right() -> Non
     assert min(right) > 0.3
     assert 0.02 < last.sideways.yaw_rate < 0.4
     assert last.steering is None
+
+
+@pytest.mark.parametrize(
+    ("config", "twist"),
+    [
+        (SKID, (0.2, 0.0, 0.4)),
+        (SKID, (-0.2, 0.0, 0.2)),
+        (dataclasses.replace(STEERED, cross_slope=0.2), (0.08, 0.03, 0.05)),
+        (dataclasses.replace(STEERED, cross_slope=0.2, noise=1.0), (0.08, 0.0, -0.05)),
+    ],
+)
+def test_motion_across_is_that_of_the_body_at_the_place_of_each_hub(
+    config: SimulatorConfig, twist: Twist
+) -> None:
+    run, readings = TurningRun(config), []
+    for _ in range(40):
+        assert run.commands.request((*twist[:2], 0.0), (0.0, 0.0, twist[2])) == ""
+        readings.append(run.step())
+    reading = readings[-1]
+    rover, body = run.rover, run._simulation
+    ahead, left, turn = body.velocity[0].tolist()
+    steering = [0.0] * len(rover.wheels) if reading.steering is None else reading.steering.tolist()
+    message = step_messages(reading, config, 0, 0)["wheel_slip"]
+    for k, (x, y, _) in enumerate(wheel_centres(rover, track_width_of(rover))):
+        moved = complex(ahead - turn * y, left + turn * (x - rover.centre_of_mass_x))
+        hub = moved * cmath.exp(-1j * steering[k])
+        rim = rover.wheel_radius * abs(float(reading.measured.wheel_rate[k]))
+        assert message.lateral_slip[k] == pytest.approx(hub.imag / rim, abs=1e-9)
+        assert message.slip_angle[k] == pytest.approx(cmath.phase(hub), abs=1e-9)
+    assert max(map(abs, message.lateral_slip)) > 0.01
 
 
 def test_dead_reckoning_without_noise_is_the_way_that_was_driven() -> None:

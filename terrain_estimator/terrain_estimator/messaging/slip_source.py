@@ -6,7 +6,9 @@ i = 1 - v / (r w) (:func:`terramechanics.vehicle.rover.Rover.slip`), so to first
 n (sd(v) / (r w))^2 + (1 - i)^2 (n (sd(r) / r)^2 + (sd(w) / w)^2), where n is the number of turning
 wheels of the same axle.
 
-With a track width v is that of each wheel's centre, v_x -+ yaw rate times half the width.
+With a track width v is that of each wheel's centre, v_x -+ yaw rate times half the width. Its
+motion across the wheel's heading, which ``NAME_steering`` in joint_states turns, goes into
+lateral_slip and slip_angle where lateral velocity and yaw rate are measured.
 
 All wheels share the errors of v and of the rover file's r. The estimator treats wheels as
 independent and so divides these errors by sqrt(n) in the mean of an axle; the factor n cancels
@@ -26,11 +28,13 @@ from terrain_estimator.observation import Floats
 from terrain_estimator.topics import (
     BODY_FRAME,
     INPUT_TYPES,
+    LATERAL_IN_TWIST,
     YAW_IN_TWIST,
     Make,
     Message,
     stamp_ns,
 )
+from terramechanics.description.layout import STEERING_SUFFIX
 from terramechanics.vehicle.rover import Rover
 
 ODOMETRY = "odometry"
@@ -74,6 +78,7 @@ class SlipSource:
                 f" {', '.join(VELOCITY_TYPES)}"
             )
         self._rover, self._config = rover, config
+        self._axle_x = np.array([rover.axle_x[axle] for axle in rover.wheel_axle])
         self._sides = np.array([1.0 if wheel.side == "left" else -1.0 for wheel in rover.wheels])
         topics = (InputTopic(JOINTS, required=True), InputTopic(VELOCITY, required=True))
         self._synchronizer = Synchronizer(topics, round(config.tolerance_s * 1e9))
@@ -98,6 +103,7 @@ class SlipSource:
         joints, velocity = pair.messages
         self._check_frame(velocity)
         slips = self._slips(joints, velocity)
+        lateral_slip, slip_angle = self._across(joints, velocity, slips)
         self._sequence += 1
         return make(
             INPUT_TYPES["wheel_slip"],
@@ -110,6 +116,8 @@ class SlipSource:
             wheel=list(self._rover.wheel_names),
             slip=slips.slip,
             slip_stddev=slips.sd,
+            lateral_slip=lateral_slip,
+            slip_angle=slip_angle,
         )
 
     def sinkage_message(self, slip: Message, make: Make) -> Message:
@@ -162,6 +170,35 @@ class SlipSource:
         spread = np.abs(left) * math.sqrt(max(yaw_variance, 0.0))
         speeds, deviations = speed - yaw_rate * left, np.hypot(deviation, spread)
         return slips_of(self._rover, rates, speeds, deviations, self._config)
+
+    def _across(self, joints: Message, velocity: Message, slips: Slips) -> tuple[Floats, Floats]:
+        """Return lateral slip [1] and slip angle [rad] of each wheel.
+
+        NaN where slip or steering angle is; empty where the motion of the wheels is not known.
+        """
+        twist, variances = velocity.twist.twist, velocity.twist.covariance
+        left, turn = float(twist.linear.y), float(twist.angular.z)
+        measured = math.isfinite(left) and variances[LATERAL_IN_TWIST] >= 0.0
+        measured = measured and variances[YAW_IN_TWIST] >= 0.0
+        if not self._config.track_width or not measured:
+            return np.empty(0), np.empty(0)
+        steered = self._steering(joints)
+        with np.errstate(all="ignore"):
+            ahead = twist.linear.x - turn * 0.5 * self._config.track_width * self._sides
+            aside = left + turn * self._axle_x
+            along = np.cos(steered) * ahead + np.sin(steered) * aside
+            across = np.cos(steered) * aside - np.sin(steered) * ahead
+            lateral = across / (self._rover.wheel_radius * np.abs(self._rates(joints)))
+        known = np.isfinite(slips.slip) & np.isfinite(lateral)
+        angle = np.arctan2(across, along)
+        return np.where(known, lateral, np.nan), np.where(known, angle, np.nan)
+
+    def _steering(self, joints: Message) -> Floats:
+        """Return the steering angle of each wheel [rad]: 0 without a joint, NaN without a value."""
+        angles = dict.fromkeys(joints.name, math.nan)
+        angles |= zip(joints.name, joints.position, strict=False)
+        names = self._rover.wheel_names
+        return np.array([angles.get(f"{name}{STEERING_SUFFIX}", 0.0) for name in names])
 
     def _rates(self, joints: Message) -> Floats:
         rates = dict(zip(joints.name, joints.velocity, strict=False))

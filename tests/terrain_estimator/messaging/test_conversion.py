@@ -132,6 +132,15 @@ def test_arrays_of_another_length_than_the_names_are_refused(field: str) -> None
     assert "6 wheels" in conversion.detail
 
 
+@pytest.mark.parametrize("length", [0, 3, 6, 7])
+def test_motion_across_is_not_read_whatever_its_length(length: int) -> None:
+    plain, aside = observed(convert()), [0.3] * length
+    given = wheel_slip(OFFLINE, lateral_slip=aside, slip_angle=aside[1:])
+    np.testing.assert_equal(
+        dataclasses.asdict(observed(convert(wheel_slip=given))), dataclasses.asdict(plain)
+    )
+
+
 @pytest.mark.parametrize("topic", ["wheel_slip", "wheel_sinkage", "odom", "imu"])
 def test_another_frame_is_refused_and_named_unless_any_is_accepted(topic: str) -> None:
     builders: dict[str, Any] = {

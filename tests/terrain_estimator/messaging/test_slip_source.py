@@ -10,12 +10,16 @@ import pytest
 
 from rover_parameters.parameters import configure
 from rover_parameters.records import ConfigError
+from rover_sim_node.config import FOLLOW, SimulatorConfig
+from rover_sim_node.messages import step_messages
+from rover_sim_node.turning_run import TurningRun
 from terrain_estimator.bags import Types
 from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
 from terrain_estimator.config.slip_source import SlipSourceConfig
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.messaging.slip_source import JOINTS, VELOCITY, SlipSource, SlipSourceError
 from terrain_estimator.topics import Message
+from terramechanics.description.layout import track_width_of
 from terramechanics.presets import load_rover
 from tests.drives import drive_messages
 
@@ -173,6 +177,73 @@ def test_in_a_turn_every_wheel_has_the_slip_of_its_own_speed() -> None:
     )
     ratio = math.hypot(0.01, 0.02 * width / 2.0) / 0.01
     np.testing.assert_allclose(wide.slip_stddev, ratio * narrow.slip_stddev)
+
+
+@pytest.mark.parametrize(("steering", "sideways"), [("skid", 0.0), ("all_wheels", 0.03)])
+def test_motion_across_in_a_turn_is_that_of_the_simulators_wheels(
+    steering: str, sideways: float
+) -> None:
+    track = track_width_of(ROVER)
+    config = SimulatorConfig(steering=steering, schedule=FOLLOW, noise=0.0, cross_slope=0.2)
+    run, readings = TurningRun(config), []
+    for _ in range(20):
+        assert run.commands.request((0.08, sideways, 0.0), (0.0, 0.0, 0.05)) == ""
+        readings.append(run.step())
+    step = step_messages(readings[-1], config, 0, 0)
+    source = SlipSource(ROVER, SlipSourceConfig(track_width=track))
+    source.pair(JOINTS, step["joint_states"])
+    [pair] = source.pair(VELOCITY, step["odom"])
+    message, expected = source.slip_message(pair, TYPES.make), step["wheel_slip"]
+    np.testing.assert_allclose(message.lateral_slip, expected.lateral_slip, atol=1e-9)
+    np.testing.assert_allclose(message.slip_angle, expected.slip_angle, atol=1e-9)
+    assert np.abs(message.slip_angle).max() > 0.01
+
+
+def turning(**changes: float) -> Message:
+    """Return a velocity in a turn, with numbers of its covariance or its twist changed."""
+    given = velocity(0.1, 1e-4)
+    given.twist.twist.linear.y, given.twist.twist.angular.z = changes.get("left", 0.01), 0.1
+    given.twist.covariance[7], given.twist.covariance[35] = (
+        changes.get(name, 1e-4) for name in ("left_variance", "yaw_variance")
+    )
+    return given
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"left": math.nan},
+        {"left": math.inf},
+        {"left_variance": -1.0},
+        {"left_variance": math.nan},
+        {"yaw_variance": -1.0},
+    ],
+)
+def test_motion_across_is_left_out_where_it_is_not_measured(changes: dict[str, float]) -> None:
+    (message,) = published_of(RATES, turning(**changes), track_width=0.8)
+    assert message.lateral_slip.size == message.slip_angle.size == 0
+    assert np.isfinite(message.slip).all()
+    (unknown,) = published_of(RATES, turning())
+    assert unknown.lateral_slip.size == unknown.slip_angle.size == 0
+    (known,) = published_of([0.0, math.nan, *RATES[2:]], turning(), track_width=0.8)
+    for found in (known.lateral_slip, known.slip_angle):
+        assert np.isnan(found).tolist() == [True, True, False, False, False, False]
+
+
+def test_a_steering_joint_without_an_angle_leaves_its_wheel_without_motion_across() -> None:
+    names = ("rocker", *ROVER.wheel_names, "front_left_steering", "rear_left_steering")
+    given = joints(RATES)
+    given.name, given.position = [*names], np.array([*[0.0] * 7, 0.3])
+    source = SlipSource(ROVER, SlipSourceConfig(track_width=0.8))
+    source.pair(JOINTS, given)
+    [pair] = source.pair(VELOCITY, turning())
+    message = source.slip_message(pair, TYPES.make)
+    (straight,) = published_of(RATES, turning(), track_width=0.8)
+    steered, unknown = (ROVER.wheel_names.index(name) for name in ("front_left", "rear_left"))
+    assert np.flatnonzero(np.isnan(message.slip_angle)).tolist() == [unknown]
+    turned = straight.slip_angle - message.slip_angle
+    assert turned[steered] == pytest.approx(0.3)
+    assert np.nonzero(turned)[0].tolist() == [steered, unknown]
 
 
 @pytest.mark.parametrize(("yaw_rate", "variance"), [(math.nan, 1e-4), (0.1, math.inf)])

@@ -233,7 +233,9 @@ def test_a_drawn_recording_gives_the_same_bytes_by_columns_and_one_by_one(
         check(bag, config, namespace)
 
 
-def test_an_ordinary_drive_goes_by_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def taken(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return where the numbers of the sets that went by columns are kept."""
     taken: list[int] = []
     observe = Pipeline.observe
 
@@ -243,9 +245,33 @@ def test_an_ordinary_drive_goes_by_columns(tmp_path: Path, monkeypatch: pytest.M
         return many
 
     monkeypatch.setattr(Pipeline, "observe", counted)
+    return taken
+
+
+def test_an_ordinary_drive_goes_by_columns(tmp_path: Path, taken: list[int]) -> None:
     bag = write_bag(tmp_path / "drive", iter(drive()), TYPES)
     done = replayed(bag, tmp_path / "out", EstimatorConfig(), "")
     assert sum(taken) == done.estimates == 50
+
+
+@pytest.mark.parametrize("sizes", [(6, 6), (3, 0)])
+def test_motion_across_changes_no_byte_by_columns_or_one_by_one(
+    sizes: tuple[int, int], tmp_path: Path, taken: list[int]
+) -> None:
+    events = copy.deepcopy(drive())
+    for topic, _, message in events:
+        if topic == "wheel_slip":
+            message.lateral_slip, message.slip_angle = (np.full(size, 0.1) for size in sizes)
+    bare, filled = (
+        write_bag(tmp_path / name / "drive", iter(given), TYPES)
+        for name, given in (("bare", drive()), ("filled", events))
+    )
+    expected = outcome(bare, EstimatorConfig(), "")[0]
+    assert outcome(filled, EstimatorConfig(), "")[0] == expected
+    assert sum(taken) == 100
+    with one_by_one():
+        assert outcome(filled, EstimatorConfig(), "")[0] == expected
+    assert sum(taken) == 100
 
 
 @pytest.mark.parametrize("size", [2, 11, 100])
