@@ -49,7 +49,8 @@ _ADVICE = {
     ),
     Outcome.WRONG_WHEELS: "publish the wheel names of the rover file, each once",
     Outcome.WRONG_FRAME: (
-        "publish in the body frame that the estimator's parameter body_frame names"
+        "publish in the body frame that the estimator's parameter body_frame names, and sinkage"
+        " from undisturbed ground"
     ),
     Outcome.TIME_BACKWARDS: (
         "stamps must increase: check the clock, or reset the estimator when a bag loops"

@@ -23,6 +23,9 @@ INPUT_TYPES = {
 BODY_FRAME = "base_link"
 """Frame of the rover's body by REP 105, published where the user names none."""
 
+UNDISTURBED = "undisturbed"
+"""Reference of a sinkage that is measured from ground where no wheel has been."""
+
 REQUIRED_INPUTS = ("wheel_slip", "wheel_sinkage", "odom")
 """Inputs that every observation needs; the first gives the stamps."""
 

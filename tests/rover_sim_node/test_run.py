@@ -217,6 +217,7 @@ def test_a_wheel_straight_ahead_has_no_motion_across_and_one_that_stands_none_to
     steps = messages(CONFIG, 20)
     for step in steps:
         slip = step["wheel_slip"]
+        assert step["wheel_sinkage"].reference == "undisturbed"
         expected = [slips * 0.0 for slips in slip.slip]
         for found in (slip.lateral_slip, slip.slip_angle):
             np.testing.assert_array_equal(found, expected)

@@ -22,6 +22,7 @@ from terrain_estimator.messaging.conversion import (
     Groups,
     Mark,
     WrongWheelsError,
+    wrong_reference,
 )
 from terrain_estimator.messaging.conversion_rules import (
     ANY,
@@ -183,7 +184,7 @@ def observed(
         return None
     if converter.wrong_frame(
         slip.example, sinkage.example, odom.example, None if imu is None else imu.example
-    ):
+    ) or wrong_reference(sinkage.example):
         return None
 
     def picked(columns: Columns, index: int) -> NDArray[np.void]:

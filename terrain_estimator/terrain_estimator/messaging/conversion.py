@@ -41,6 +41,7 @@ from terrain_estimator.topics import (
     PITCH_IN_POSE,
     ROLL_IN_ORIENTATION,
     ROLL_IN_POSE,
+    UNDISTURBED,
     YAW_IN_RATES,
     YAW_IN_TWIST,
     Message,
@@ -173,7 +174,7 @@ class Converter:
                 return Conversion(stamp_ns, None, Outcome.WRONG_WHEELS, large.detail)
         notes = _Notes()
         joints, imu = (_unless_oversized(each, notes) for each in (joints, imu))
-        wrong = self.wrong_frame(slip, sinkage, odom, imu)
+        wrong = self.wrong_frame(slip, sinkage, odom, imu) or wrong_reference(sinkage)
         if wrong:
             return Conversion(stamp_ns, None, Outcome.WRONG_FRAME, wrong)
         try:
@@ -442,6 +443,17 @@ class Converter:
             imu.linear_acceleration_covariance[0],
             self.config.default_acceleration_sd,
         )
+
+
+def wrong_reference(sinkage: Message) -> str:
+    """Say why sinkages from this reference cannot be used; empty where they can."""
+    reference = getattr(sinkage, "reference", "")  # bags of before have none
+    if reference in {"", UNDISTURBED}:
+        return ""
+    return (
+        f"wheel_sinkage: reference is {reference!r}, expected {UNDISTURBED!r}: measure sinkage from"
+        " ground where no wheel has been, or publish NaN and leave reference empty"
+    )
 
 
 def _unless_oversized(message: Message, notes: _Notes) -> Message:

@@ -47,6 +47,8 @@ def test_every_signal_arrives_in_si_units(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         slip.slip_stddev, [math.hypot(0.005, 0.01), math.hypot(0.01, 0.01) / 0.8**2, unknown]
     )
+    assert sinkage.reference == "undisturbed"
+    assert slip.lateral_slip.size == slip.slip_angle.size == 0
     np.testing.assert_allclose(sinkage.sinkage, [0.012, 0.011, unknown])
     np.testing.assert_allclose(
         sinkage.sinkage_stddev, [math.hypot(0.0012, 0.0005), math.hypot(0.0011, 0.0005), unknown]

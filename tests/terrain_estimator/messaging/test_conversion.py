@@ -4,6 +4,7 @@
 
 import dataclasses
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -161,6 +162,25 @@ def test_another_frame_is_refused_and_named_unless_any_is_accepted(topic: str) -
         ).velocity
         == 0.17
     )
+
+
+@pytest.mark.parametrize("reference", ["local", "Undisturbed", "undisturbed "])
+def test_sinkage_from_other_ground_is_refused_by_field_and_value(reference: str) -> None:
+    conversion = convert(wheel_sinkage=wheel_sinkage(OFFLINE, reference=reference))
+    assert conversion.outcome is Outcome.WRONG_FRAME
+    assert conversion.observation is None
+    assert f"wheel_sinkage: reference is {reference!r}, expected 'undisturbed': measure" in (
+        conversion.detail
+    )
+
+
+@FACTORIES
+def test_sinkage_from_undisturbed_ground_is_used_said_or_not(make: Make) -> None:
+    for given in (wheel_sinkage(make), wheel_sinkage(make, reference="undisturbed")):
+        assert observed(convert(wheel_sinkage=given)).sinkage[0] == 0.018
+    before = SimpleNamespace(**vars(wheel_sinkage(OFFLINE)))
+    del before.reference
+    assert observed(convert(wheel_sinkage=before)).sinkage[0] == 0.018
 
 
 def test_a_wheel_without_measurement_leaves_its_axle_to_the_other() -> None:

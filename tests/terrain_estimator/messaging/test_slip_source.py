@@ -132,6 +132,7 @@ def test_a_sinkage_beside_the_slip_says_that_nothing_is_measured() -> None:
     )
     assert found.header == slip.header
     assert found.sequence == slip.sequence
+    assert found.reference == "undisturbed"
     assert list(found.wheel) == list(slip.wheel)
     for name in ("sinkage", "sinkage_stddev", "contact_angle", "contact_angle_stddev"):
         assert np.isnan(getattr(found, name)).tolist() == [True] * 6

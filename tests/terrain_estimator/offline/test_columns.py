@@ -274,6 +274,24 @@ def test_motion_across_changes_no_byte_by_columns_or_one_by_one(
     assert sum(taken) == 100
 
 
+@pytest.mark.parametrize("reference", ["undisturbed", "local", "undisturbeD"])
+def test_sinkage_from_other_ground_is_refused_by_columns_and_one_by_one(
+    reference: str, tmp_path: Path, taken: list[int]
+) -> None:
+    """From the 20th set on."""
+    events = copy.deepcopy(drive())
+    for topic, stamp, message in events:
+        if topic == "wheel_sinkage":
+            late = stamp >= START_NS + 19 * 100_000_000
+            message.reference = reference if late else "undisturbed"
+    bag = write_bag(tmp_path / "drive", iter(events), TYPES)
+    check(bag, EstimatorConfig())
+    words = outcome(bag, EstimatorConfig(), "")[2][3]
+    used = 50 if reference == "undisturbed" else 19
+    assert sum(taken) == 2 * used
+    assert ("31 WRONG_FRAME" in words and repr(reference) in words) == (used == 19), words
+
+
 @pytest.mark.parametrize("size", [2, 11, 100])
 def test_sets_of_several_batches_give_the_same_bytes(
     size: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
