@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The launch file of a rover takes the name of every topic, and shows the rover in RViz."""
 
+import dataclasses
 import re
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -9,9 +10,11 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from rover_parameters.records import ConfigError
+from terrain_estimator.model.metadata import model_path, read_metadata, write_metadata
 from terrain_estimator.nodes.onboard import divided
 from terramechanics.description.urdf import to_urdf
 from terramechanics.presets import load_rover
+from terramechanics.vehicle.wheel_places import WheelPlaces
 from tests.launch_stand_in import Kept, declared, started
 
 ROOT = Path(__file__).parents[1]
@@ -97,6 +100,31 @@ def test_the_rover_in_rviz_is_the_one_that_is_named() -> None:
     found = nodes(rviz="true", rover="paper_rover", model="paper_rover")
     (parameters,) = found["robot_state_publisher"].named["parameters"]
     assert parameters["robot_description"].positional[0] == to_urdf(load_rover("paper_rover"))
+
+
+def test_the_rover_in_rviz_is_as_wide_and_steered_as_the_model_by_wheel_says(
+    tmp_path: Path,
+) -> None:
+    mars = read_metadata(model_path("mars_rover").with_suffix(".json"))
+    steered = ("front_left", "front_right")
+    places = WheelPlaces.of(mars.rover, 0.9, steered)
+    write_metadata(tmp_path / "m.json", dataclasses.replace(mars, wheel_places=places))
+    model = tmp_path / "m.pt"
+    model.touch()
+    renamed = load_rover("mars_rover[a,b,c,d,e,f]")
+    for given, expected in (
+        ({}, to_urdf(mars.rover, track_width=0.9, steered=steered)),
+        ({"track_width": "1.1"}, to_urdf(mars.rover, track_width=1.1, steered=steered)),
+        (
+            {"rover": "mars_rover[a,b,c,d,e,f]"},
+            to_urdf(renamed, track_width=0.9, steered=("a", "b")),
+        ),
+    ):
+        found = nodes(rviz="true", model=str(model), **given)
+        (parameters,) = found["robot_state_publisher"].named["parameters"]
+        assert parameters["robot_description"].positional[0] == expected
+        names = [joint.get("name") for joint in ET.fromstring(expected).iter("joint")]
+        assert sum(f"{name}".endswith("_steering") for name in names) == 2
 
 
 def test_a_drive_has_its_tf_in_its_namespace_and_hands_rviz_on() -> None:

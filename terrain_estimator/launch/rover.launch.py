@@ -50,8 +50,8 @@ ARGUMENTS = {
     "track_width": (
         "",
         (
-            "[m] between left and right wheels, for slip_source in turns; empty: as config says,"
-            " else as straight ahead"
+            "[m] between left and right wheels, for slip_source in turns and for RViz; empty:"
+            " slip_source as config says, else as straight ahead, RViz as a model by wheel says"
         ),
     ),
     "contact_angle_sd": (
@@ -93,6 +93,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
             " its wheel radius and knows no model"
         )
         raise ValueError(message)
+    track_width = _number(value, "track_width", "metres")
     angle_sd = _number(value, "contact_angle_sd", "radians")
     if angle_sd and not value["velocity"]:
         message = (
@@ -119,7 +120,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
         "slip_source": (
             {
                 "rover": value["rover"],
-                "track_width": _number(value, "track_width", "metres"),
+                "track_width": track_width,
                 "empty_sinkage": True if angle_sd else "",
             }
             if value["velocity"]
@@ -145,7 +146,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
         for name, entries in wanted.items()
         if entries is not None
     }
-    seen = viewers(value) if value["rviz"] == "true" else []
+    seen = viewers(value, track_width or 0.0) if value["rviz"] == "true" else []
     if value["composed"] != "true":
         return [*(_node(name, value, entries) for name, entries in given.items()), *seen]
     alone = [_node(name, value, given.pop(name)) for name in SEPARATE if name in given]

@@ -46,11 +46,12 @@ def main(argv: list[str] | None = None) -> int:
     )
     args = parser.parse_args(argv)
     try:
+        rover = load_rover(args.rover)
         text = to_urdf(
-            load_rover(args.rover),
+            rover,
             track_width=args.track_width,
             body_frame=args.body_frame,
-            steered=args.steered,
+            steered=rover.wheel_names if args.steered else (),
         )
         if args.out is None:
             print(text, end="")

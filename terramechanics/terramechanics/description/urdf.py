@@ -7,6 +7,7 @@ does not say how the mass is distributed, so that it is for viewers, not for a p
 """
 
 import math
+from collections.abc import Collection
 from xml.etree import ElementTree as ET
 
 from rover_parameters.records import ConfigError
@@ -35,12 +36,12 @@ def to_urdf(
     *,
     track_width: float = 0.0,
     body_frame: str = BODY_FRAME,
-    steered: bool = False,
+    steered: Collection[str] = (),
 ) -> str:
     """Return the URDF as text.
 
-    ``track_width`` [m] is the distance of left and right wheels; 0: a usual one. Wheels that are
-    ``steered`` have a joint for that, each.
+    ``track_width`` [m] is the distance of left and right wheels; 0: a usual one. Each wheel
+    that ``steered`` names has a joint for that.
 
     Raises:
         ConfigError: the wheels do not fit beside each other, two parts would have one name, or a
@@ -53,7 +54,7 @@ def to_urdf(
         raise ConfigError(
             f"a track width of {track_width:g} m has no room for the wheels of {rover.name}"
         )
-    _check_names(rover, body_frame, steered=steered)
+    _check_names(rover, body_frame, steered)
     robot = ET.Element("robot", name=rover.name)
     for name, colour in _COLOURS.items():
         ET.SubElement(ET.SubElement(robot, "material", name=name), "color", rgba=colour)
@@ -71,7 +72,7 @@ def to_urdf(
         parent, origin = parents[wheel.axle]
         x, z = rover.axle_x[wheel.axle] - origin[0], rover.wheel_radius - origin[2]
         place = (x, y, z)
-        if steered:
+        if wheel.name in steered:
             name = f"{wheel.name}{STEERING_SUFFIX}"
             fork = _link(robot, f"{name}_link")
             _joint(robot, name, (parent, fork), place, TO_THE_LEFT)
@@ -91,10 +92,9 @@ def to_urdf(
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 
 
-def _check_names(rover: Rover, body_frame: str, *, steered: bool) -> None:
+def _check_names(rover: Rover, body_frame: str, steered: Collection[str]) -> None:
     joints = list(SUSPENSION_JOINTS if rover.suspension else ())
-    if steered:
-        joints += [f"{name}{STEERING_SUFFIX}" for name in rover.wheel_names]
+    joints += [f"{name}{STEERING_SUFFIX}" for name in rover.wheel_names if name in steered]
     links = [body_frame, *(f"{name}_link" for name in joints)]
     links += [f"{name}_wheel" for name in rover.wheel_names]
     for names in ([*joints, *rover.wheel_names], links):

@@ -25,7 +25,8 @@ every_rover = pytest.mark.parametrize("rover", ROVERS, ids=lambda rover: rover.n
 
 
 def read(rover: Rover, track_width: float = 0.0, *, steered: bool = False) -> yourdfpy.URDF:
-    text = to_urdf(rover, track_width=track_width, steered=steered).encode()
+    names = rover.wheel_names if steered else ()
+    text = to_urdf(rover, track_width=track_width, steered=names).encode()
     return yourdfpy.URDF.load(io.BytesIO(text), load_meshes=False)
 
 

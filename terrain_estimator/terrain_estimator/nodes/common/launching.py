@@ -114,20 +114,25 @@ def remappings(value: Mapping[str, str]) -> list[tuple[str, str]]:
     return [(topic, names[each]) for each, topic in REMAPPED.items() if names[each] != topic]
 
 
-def viewers(value: Mapping[str, str]) -> list[Node]:
-    """Return RViz and the node that publishes the links of the rover, or of the model's rover."""
-    rover = (
-        load_rover(value["rover"])
-        if value["rover"]
-        else read_metadata(model_path(value["model"]).with_suffix(".json")).rover
-    )
+def viewers(value: Mapping[str, str], track_width: float) -> list[Node]:
+    """Return RViz and the node that publishes the links of the rover, or of the model's rover.
+
+    ``track_width`` [m]; 0: that of a model by wheel, or a usual one. Wheels have steering joints
+    where such a model has them, by their places in the rover file.
+    """
+    model = read_metadata(model_path(value["model"]).with_suffix(".json"))
+    rover, steered = load_rover(value["rover"]) if value["rover"] else model.rover, set()
+    if model.wheel_places is not None:
+        track_width = track_width or model.wheel_places.track_width
+        both = zip(model.rover.wheel_names, rover.wheel_names, strict=False)
+        steered = {name for own, name in both if own in model.wheel_places.steered}
     common = {
         "namespace": value["namespace"],
         "remappings": [*TF, *remappings(value)],
         "output": "screen",
     }
     clock = {"use_sim_time": value["use_sim_time"] == "true"}
-    urdf = ParameterValue(to_urdf(rover), value_type=str)
+    urdf = ParameterValue(to_urdf(rover, track_width=track_width, steered=steered), value_type=str)
     config = str(Path(get_package_share_directory(PACKAGE), "rviz", "rover.rviz"))
     return [
         Node(
