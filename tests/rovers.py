@@ -3,6 +3,10 @@
 """Rovers of every kind: by axles and joints, and with front and rear exchanged."""
 
 import dataclasses
+import json
+from pathlib import Path
+
+import yaml
 
 from terramechanics.presets import load_rover
 from terramechanics.vehicle.rover import Joint, Rover
@@ -26,6 +30,13 @@ def mirrored(rover: Rover) -> Rover:
             dataclasses.replace(wheel, axle=last - wheel.axle) for wheel in reversed(rover.wheels)
         ),
     )
+
+
+def rover_file(rover: Rover, path: Path) -> str:
+    """Write the file of a rover; return its path, as parameters have it."""
+    content = json.loads(json.dumps(rover.content()))  # YAML has lists alone
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return str(path)
 
 
 MARS, PAPER = load_rover("mars_rover"), load_rover("paper_rover")

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
 from rover_parameters.records import ConfigError
 from rover_sim_node.config import SimulatorConfig
@@ -17,7 +16,7 @@ from rover_sim_node.run import SimulatedRun
 from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.observation import Observation
-from tests.rovers import BOGIE_IN_FRONT, FOUR_WHEELS
+from tests.rovers import BOGIE_IN_FRONT, FOUR_WHEELS, rover_file
 
 WHEELS = ["front_left", "front_right", "rear_left", "rear_right"]
 
@@ -61,13 +60,7 @@ def test_the_angle_of_no_joint_is_zero_with_and_without_joint_states() -> None:
 
 
 def test_a_rover_file_with_the_bogie_in_front_publishes_its_angle(tmp_path: Path) -> None:
-    content = BOGIE_IN_FRONT.content()
-    path = tmp_path / "front.yaml"
-    joints = [dict(joint, axles=list(joint["axles"])) for joint in content["joints"]]
-    lists = {"joints": joints, "axle_x": list(content["axle_x"])}
-    lists |= {"wheels": list(content["wheels"]), "cruise_speed": list(content["cruise_speed"])}
-    path.write_text(yaml.safe_dump(content | lists), encoding="utf-8")
-    run, readings = driven(str(path), 60)
+    run, readings = driven(rover_file(BOGIE_IN_FRONT, tmp_path / "front.yaml"), 60)
     assert run.rover == BOGIE_IN_FRONT
     step = step_messages(readings[-1], SimulatorConfig(), 0, 0)
     assert step["joint_states"].name[-2:] == ["rocker", "bogie"]

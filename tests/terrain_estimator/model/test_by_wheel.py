@@ -4,6 +4,7 @@
 
 import dataclasses
 import math
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -39,10 +40,11 @@ from terrain_estimator.update import Update
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.wheel_places import WheelPlaces
+from tests.rovers import BOGIE_IN_FRONT, rover_file
 from tests.turning_drives import Twist, turning_observations
 
 LOOSE = load_soil("loose_sand")
-TRACK = {"four_wheel_rover": 0.57, "mars_rover": 1.0}
+TRACK = {"four_wheel_rover": 0.57, "mars_rover": 1.0, BOGIE_IN_FRONT.name: 1.0}
 SKID: tuple[Twist, ...] = ((0.2, 0.0), (0.25, 0.4), (0.2, 0.0), (0.25, -0.4))
 STEERED: tuple[Twist, ...] = ((0.08, 0.0), (0.1, 0.04), (0.08, 0.0), (0.1, -0.04))
 
@@ -73,6 +75,12 @@ def steered(tmp_path_factory: pytest.TempPathFactory) -> LoadedModel:
     return written(rover, places_of(rover, steered=True), path)
 
 
+@pytest.fixture(scope="module")
+def in_front(tmp_path_factory: pytest.TempPathFactory) -> LoadedModel:
+    path = tmp_path_factory.mktemp("in_front") / "in_front.pt"
+    return written(BOGIE_IN_FRONT, places_of(BOGIE_IN_FRONT, steered=True), path)
+
+
 def observations(
     model: LoadedModel,
     twists: Sequence[Twist],
@@ -92,7 +100,6 @@ def observations(
     """
     name = model.rover.name
     config = SimulatorConfig(
-        rover=name,
         steering="all_wheels" if any(model.metadata.steered) else "skid",
         schedule=FOLLOW,
         track_width=TRACK[name],
@@ -101,7 +108,9 @@ def observations(
         cross_slope=lean,
         profile=profile,
     )
-    run = TurningRun(config)
+    with tempfile.TemporaryDirectory() as folder:
+        path = rover_file(model.rover, Path(folder, "rover.yaml"))
+        run = TurningRun(dataclasses.replace(config, rover=path))
     chassis = run._simulation.chassis
     x, y, height = chassis.centre
     moved = (x + shift[0], y + shift[1], height)
@@ -155,7 +164,14 @@ def block_at_truth(
 
 
 @pytest.mark.parametrize(
-    ("name", "turn"), [("skid", (0.25, 0.4)), ("steered", (0.08, 0.04)), ("skid", (-0.2, -0.2))]
+    ("name", "turn"),
+    [
+        ("skid", (0.25, 0.4)),
+        ("steered", (0.08, 0.04)),
+        ("skid", (-0.2, -0.2)),
+        ("in_front", (0.08, 0.04)),
+        ("in_front", (-0.08, 0.04)),
+    ],
 )
 def test_all_rows_hold_at_the_truth_in_a_steady_turn(
     name: str, turn: Twist, request: pytest.FixtureRequest
