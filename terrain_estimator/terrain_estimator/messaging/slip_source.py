@@ -180,9 +180,9 @@ class SlipSource:
         """
         twist, variances = velocity.twist.twist, velocity.twist.covariance
         left, turn = float(twist.linear.y), float(twist.angular.z)
-        measured = math.isfinite(left) and variances[LATERAL_IN_TWIST] >= 0.0
-        measured = measured and variances[YAW_IN_TWIST] >= 0.0
-        if not self._config.track_width or not measured:
+        # a variance of zero is one that nobody has set
+        known = variances[LATERAL_IN_TWIST] > 0.0 and variances[YAW_IN_TWIST] > 0.0
+        if not (self._config.track_width and known and math.isfinite(left)):
             return np.empty(0), np.empty(0)
         steered = self._steering(joints)
         with np.errstate(all="ignore"):
@@ -191,9 +191,9 @@ class SlipSource:
             along = np.cos(steered) * ahead + np.sin(steered) * aside
             across = np.cos(steered) * aside - np.sin(steered) * ahead
             lateral = across / (self._rover.wheel_radius * np.abs(self._rates(joints)))
-        known = np.isfinite(slips.slip) & np.isfinite(lateral)
+        told = np.isfinite(slips.slip) & np.isfinite(lateral)
         angle = np.arctan2(across, along)
-        return np.where(known, lateral, np.nan), np.where(known, angle, np.nan)
+        return np.where(told, lateral, np.nan), np.where(told, angle, np.nan)
 
     def _steering(self, joints: Message) -> Floats:
         """Return the steering angle of each wheel [rad]: 0 without a joint, NaN without a value."""

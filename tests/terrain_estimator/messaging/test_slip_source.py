@@ -216,6 +216,8 @@ def turning(**changes: float) -> Message:
         {"left": math.nan},
         {"left": math.inf},
         {"left_variance": -1.0},
+        {"left_variance": 0.0},
+        {"yaw_variance": 0.0},
         {"left_variance": math.nan},
         {"yaw_variance": -1.0},
     ],
