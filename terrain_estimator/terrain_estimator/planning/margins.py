@@ -12,7 +12,7 @@ import numpy as np
 
 from terrain_estimator.observation import Floats
 from terrain_estimator.planning.belief import Samples, quantiles
-from terrain_estimator.planning.statics import TURNS
+from terrain_estimator.planning.statics import NOT_HELD, TURNS
 from terrain_estimator.planning.table import TractionTable, highest_ratio, slip_for, steepest
 
 LOWER, UPPER = 0.05, 0.95
@@ -41,7 +41,6 @@ class Margins:
     slope_limit: CredibleRange  # [rad] steepest slope
     slip: CredibleRange  # [1] 1 where the rover would be stuck; in a turn that of the outer wheels
     sinkage: CredibleRange  # [m]
-    turn_limit: CredibleRange = NOTHING  # [1] tightest turn on the slope, as a share as in TURNS
 
 
 def unknown_margins(needed: float) -> Margins:
@@ -69,19 +68,39 @@ def margins(
         slip, sinkage = slip_for(pulls, need - shift)
         highest = highest_ratio(pulls, slip_limit) + shift
         limit = steepest(table, soil, strength, slip_limit, shift, turn)
-        tightest = _tightest(table, soil, strength, slope, slip_limit, shift)
-        columns.append(np.stack([highest, limit, slip, sinkage, tightest]))
-    ratio, limit, slip, sinkage, tightest = np.concatenate(columns, axis=1)
+        columns.append(np.stack([highest, limit, slip, sinkage]))
+    ratio, limit, slip, sinkage = np.concatenate(columns, axis=1)
     weight = np.concatenate(samples.weight)
     return Margins(
-        available=_range(weight_across * ratio, weight),
+        available=_held(_range(weight_across * ratio, weight), NOT_HELD * weight_across),
         needed=weight_across * need,
         stall_probability=float(weight[ratio < need].sum()),
-        slope_limit=_range(limit, weight),
+        slope_limit=_held(_range(limit, weight), math.atan(NOT_HELD)),
         slip=_range(slip, weight),
         sinkage=_range(sinkage, weight),
-        turn_limit=_range(tightest, weight) if table.knows_turns else NOTHING,
     )
+
+
+def _held(found: CredibleRange, least: float) -> CredibleRange:
+    """Return the values, NaN where they come of turns that no rate of the inner wheels holds."""
+    values = (found.median, found.lower, found.upper)
+    return CredibleRange(*(value if value > least else math.nan for value in values))
+
+
+def turn_limit(
+    table: TractionTable, samples: Samples, slope: float, slip_limit: float, pull_deviation: float
+) -> CredibleRange:
+    """Return the share, as in TURNS [1], up to which every turn is held on ``slope`` [rad].
+
+    Tighter turns may be held again. -1: not even straight on; NaN where turns are not known.
+    """
+    if not table.knows_turns:
+        return NOTHING
+    found = [
+        _tightest(table, soil, strength, slope, slip_limit, pull_deviation * spare)
+        for soil, (strength, spare) in enumerate(zip(samples.strength, samples.spare, strict=True))
+    ]
+    return _range(np.concatenate(found), np.concatenate(samples.weight))
 
 
 def _tightest(
@@ -92,12 +111,6 @@ def _tightest(
     slip_limit: float,
     shift: Floats,
 ) -> Floats:
-    """Return the tightest turn [n] [1] up to which every turn is held; -1: not even straight on.
-
-    Where turns are not known the numbers have no meaning.
-    """
-    if not table.knows_turns:
-        return np.zeros(len(strength))
     need = math.tan(slope)
     spare = np.stack(
         [highest_ratio(table.at(soil, strength, slope, turn), slip_limit) for turn in TURNS], axis=1

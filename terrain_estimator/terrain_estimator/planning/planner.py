@@ -21,7 +21,15 @@ from terrain_estimator.estimator.off_plane import FASTEST, Sideways, sideways_of
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.planning.belief import Belief, Samples, draw
 from terrain_estimator.planning.front import FrontReading, front_samples
-from terrain_estimator.planning.margins import Margins, margins, stall_probability, unknown_margins
+from terrain_estimator.planning.margins import (
+    NOTHING,
+    CredibleRange,
+    Margins,
+    margins,
+    stall_probability,
+    turn_limit,
+    unknown_margins,
+)
 from terrain_estimator.planning.table import TractionTable
 
 NEW_GROUND = 0.02
@@ -46,6 +54,7 @@ class Advice:
     disagrees: bool  # whether the estimate's model does not fit, which judges nothing then
     moving: bool  # whether wheels turned within the window; else only the slope is measured
     margins: Margins  # of the ground under the rover
+    turn_limit: CredibleRange  # [1] share up to which that ground holds every turn
     # [1] of being stuck with all wheels on the front wheels' ground; NaN: not measured
     front_stall_probability: float
     front_lacks: str  # missing measurements of the front wheels' ground; empty: none
@@ -106,7 +115,8 @@ class Planner:
         slow = bool(np.isfinite(rims).any() and np.nanmax(rims) <= self._config.standstill_speed)
         slips = bool(np.isfinite(observation.slip).any())
         # on the spot the rates of left and right are averaged to nothing
-        spot = slow and slips and self._motion(observation).turns(TURN_LIMIT)
+        idle = abs(observation.yaw_rate) * self._table.half_track <= self._config.standstill_speed
+        spot = slow and slips and not idle and self._motion(observation).turns(TURN_LIMIT)
         stands = slow and not spot
         complete = abs(observation.pitch) < math.pi / 2.0 and abs(observation.velocity) <= FASTEST
         self._standing = observation if stands and complete else None
@@ -165,6 +175,9 @@ class Planner:
             disagrees=self._belief.disagrees,
             moving=reading.moving,
             margins=under,
+            turn_limit=(
+                turn_limit(self._table, here, reading.pitch, *doubts) if known else NOTHING
+            ),
             front_stall_probability=front,
             front_lacks="model that fits" if self._belief.disagrees else reading.front_lacks,
             turning=reading.turning,
@@ -256,14 +269,21 @@ class Planner:
         slip, sinkage, torque, angle, rate = (
             _means(np.array([getattr(entry, name) for entry in recent])) for name in names
         )
-        pitch, velocity, yaw_rate = _means(
-            np.array([(entry.pitch, entry.velocity, entry.yaw_rate) for entry in recent])
+        turns = [self._table.turn_of(entry.velocity, entry.yaw_rate) for entry in recent]
+        pitch, velocity, turn = _means(
+            np.array(
+                [
+                    (entry.pitch, entry.velocity, share)
+                    for entry, share in zip(recent, turns, strict=True)
+                ]
+            )
         ).tolist()
-        turn = self._table.turn_of(velocity, yaw_rate) if turning else 0.0
         rim = self._table.rover.wheel_radius * _mean(rate)
         if math.isnan(rim):
             rim = velocity / max(1.0 - _mean(slip), _LEAST_ROLLING)
-        return FrontReading(slip, sinkage, torque, angle, pitch, rim, turning, turn, sideways)
+        return FrontReading(
+            slip, sinkage, torque, angle, pitch, rim, turning, turn if turning else 0.0, sideways
+        )
 
 
 def _most(values: Iterable[bool]) -> bool:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solve the nonlinear statics of a rover once, for the planner's tables."""
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.observation import Floats
 from terrain_estimator.planning.statics import (
     COHESIONS,
@@ -41,12 +43,11 @@ def solve_statics(
     With the ``places`` of its wheels those of turns, too, where it turns without steering and its
     soils have the law of Wong and Reece.
     """
-    knows = places is not None and not places.steered
-    chassis = (
-        Chassis.of(rover, places.track_width, places.yaw_inertia)
-        if places is not None and knows and {soil.law for soil in soils} == {WONG_REECE}
-        else None
-    )
+    chassis = None
+    if places is not None and not places.steered and {soil.law for soil in soils} == {WONG_REECE}:
+        # With several wheels a side the turns stay unknown.
+        with contextlib.suppress(ConfigError):
+            chassis = Chassis.of(rover, places.track_width, places.yaw_inertia)
     slips = np.stack([_slips(rover, soil) for soil in soils])
     wheels = [_wheel(rover, soil, each) for soil, each in zip(soils, slips, strict=True)]
     pulls = np.stack([_pulls(rover, soil, chassis) for soil in soils])

@@ -22,15 +22,19 @@ COHESIONS = (0.0, 1000.0, 2500.0, 5000.0, 9000.0)
 TAN_PHIS = (0.02, 0.15, 0.3, 0.5, 0.75, 1.1, 1.6)
 STEEPNESSES = (0.0, 0.6)
 """[rad] Up and down are alike: the pull depends on the weight across the slope alone."""
-TURNS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.7, 1.0)
+TURNS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.495, 0.51, 0.55, 0.7, 1.0)
 """[1] Share of the outer wheels' speed that turns a rover that does not steer.
 
 0 is straight on, 0.5 about the inner wheels, 1 on the spot. Least pull is left just below 0.5,
-where the inner wheels drag."""
+where the inner wheels drag; beyond they drive backwards, which pulls. So nodes are close there, and
+none is on the step itself.
+"""
+NOT_HELD = -0.4
+"""[1] Pull over weight below which a table's value comes of turns that no rate of wheels holds."""
 SLIPS = (-0.1, 0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.9)
 ENTRY_ANGLES = np.linspace(0.0, 0.5 * np.pi, 129)
 """[rad] acos(1 - z / r) of a wheel that sinks by z: forces are smooth in it, not in z."""
-_LARGEST = 1 << 26  # bytes; three soils take 1.2 MB
+_LARGEST = 1 << 26  # bytes; three soils take 2 MB, with turns 4
 ENDING = ".statics.npz"
 """How the name of a file of these tables ends; it begins with the model's."""
 

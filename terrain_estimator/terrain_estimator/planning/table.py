@@ -54,7 +54,9 @@ class TractionTable:
         return self.statics.pulls.shape[4] > 1
 
     def turn_of(self, velocity: float, yaw_rate: float) -> float:
-        """Return the share of the outer wheels' speed that turns the rover [1]; 0 where it stands.
+        """Return the share of the outer wheels' speed that turns the rover [1], left or right.
+
+        0 where it stands, or where its turns are not known.
 
         ``velocity`` [m/s] is along the body, ``yaw_rate`` in rad/s.
         """

@@ -149,25 +149,41 @@ def turn(
         [equations.step.unknown_of(deep), torch.stack([still + 1.0, still], -1)], -1
     )
     way = _way(shares)
-    places = [way.index(share) for share in shares]
-    tried = [_solved(equations.at(0.0, slip), unknown, limits, *BOTH)]
-    for share in way[1:]:
+    turns = [equations.at(share, slip) for share in way]
+    tried = [_solved(turns[0], unknown, limits, *BOTH)]
+    for share, here in zip(way[1:], turns[1:], strict=True):
         methods = BOTH if share in {*shares} else BOTH[:1]
-        tried.append(_solved(equations.at(share, slip), tried[-1][0], limits, *methods))
-    # What is not reached from straight on may be from the spot.
+        tried.append(_solved(here, tried[-1][0], limits, *methods))
+    # What is not reached from straight on may be from the spot, from there, or from the rover
+    # beside it in the batch, which a table makes a similar one.
     for at in range(len(way) - 2, -1, -1):
-        unknown, solved = tried[at]
-        left = (~solved & tried[at + 1][1]).nonzero().squeeze(-1)
-        if left.numel() > 0:
-            part = equations.at(way[at], slip).rows(left)
-            unknown[left], solved[left] = _solved(part, tried[at + 1][0][left], limits, *BOTH)
+        _retry(turns[at], tried[at], tried[at + 1], limits)
+    for at, share in enumerate(way):
+        _retry(turns[at], tried[at], tried[max(at - 1, 0)], limits)
+        for beside in (1, -1) if share in {*shares} else ():
+            unknown, solved = tried[at]
+            _retry(turns[at], tried[at], (unknown.roll(beside, 0), solved.roll(beside)), limits)
     pulls, depths = [], []
-    for share, (unknown, solved) in zip(shares, (tried[place] for place in places), strict=True):
-        here = equations.at(share, slip)
+    for at in (way.index(share) for share in shares):
+        here, (unknown, solved) = turns[at], tried[at]
         sums, _ = here.balances(unknown)
         pulls.append(chassis.weight * torch.where(solved, sums[:, 0], NO_PULL * here.across))
         depths.append(here.step.sinkage(here.step.depth(unknown[:, :wheels])).mean(-1))
     return Climb(torch.stack(pulls), torch.stack(depths))
+
+
+def _retry(
+    equations: _Turn,
+    tried: tuple[Tensor, Tensor],
+    other: tuple[Tensor, Tensor],
+    limits: tuple[Tensor, Tensor],
+) -> None:
+    """Solve in place what is unsolved, from unknowns that solve another turn."""
+    unknown, solved = tried
+    left = (~solved & other[1]).nonzero().squeeze(-1)
+    if left.numel() > 0:
+        found = _solved(equations.rows(left), other[0][left], limits, *BOTH)
+        unknown[left], solved[left] = found
 
 
 def _way(shares: Sequence[float]) -> list[float]:

@@ -58,7 +58,8 @@ def test_what_was_written_is_read_again(
     rover: Rover, tmp_path: Path, capsys: pytest.CaptureFixture[str], *, steered: bool
 ) -> None:
     """All that a URDF of ours has; it has no masses, so they are given."""
-    text = to_urdf(rover, track_width=TRACK, steered=steered)
+    turned = rover.wheel_names if steered else ()
+    text = to_urdf(rover, track_width=TRACK, steered=turned)
     centre = rover.centre_of_mass_x, rover.centre_of_mass_height
     found = imported(
         tmp_path, text, "--mass", str(rover.mass), "--centre-of-mass", *map(str, centre),

@@ -15,7 +15,7 @@ from terrain_estimator.bags import Types
 from terrain_estimator.config.planner import AdviceConfig
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.belief import draw
-from terrain_estimator.planning.margins import Margins, margins
+from terrain_estimator.planning.margins import CredibleRange, Margins, margins, turn_limit
 from terrain_estimator.planning.messages import advice_message
 from terrain_estimator.planning.planner import Advice, Planner, Reason
 from terrain_estimator.planning.solving import solve_statics
@@ -45,6 +45,13 @@ def judged(
     samples = draw(mean, np.diag((sd * mean) ** 2), (1.0,))
     config = AdviceConfig()
     return margins(skid_steer(), samples, slope, config.slip_limit, config.pull_deviation, turn)
+
+
+def limit_of(ground: tuple[float, float], slope: float = 0.0) -> CredibleRange:
+    """Return the share up to which a ground that is known to 5 % holds every turn."""
+    mean, config = np.array(ground), AdviceConfig()
+    samples = draw(mean, np.diag((0.05 * mean) ** 2), (1.0,))
+    return turn_limit(skid_steer(), samples, slope, config.slip_limit, config.pull_deviation)
 
 
 def turned(velocity: float, yaw_rate: float) -> list[Observation]:
@@ -107,22 +114,22 @@ def test_margins_without_a_turn_are_those_of_the_table_without_turns() -> None:
         one, other = getattr(ours, name), getattr(theirs, name)
         assert one.median == pytest.approx(other.median, rel=0.01)
         assert one.lower == pytest.approx(other.lower, rel=0.02)
-    assert math.isnan(theirs.turn_limit.median)
+    assert math.isnan(turn_limit(plain, samples, 0.1, 0.6, 0.015).median)
 
 
 def test_the_tightest_turn_is_where_half_of_the_samples_stall() -> None:
     for ground in (WEAK, (1500.0, 0.7)):
-        limit = judged(ground).turn_limit
+        limit = limit_of(ground)
         assert 0.0 < limit.lower < limit.median <= limit.upper
         assert judged(ground, limit.median).stall_probability == pytest.approx(0.5, abs=0.1)
         assert judged(ground, limit.lower).stall_probability < 0.15
 
 
 def test_slopes_and_weak_ground_leave_wider_turns() -> None:
-    level, uphill = (judged((1500.0, 0.7), slope=slope).turn_limit for slope in (0.0, 0.1))
+    level, uphill = (limit_of((1500.0, 0.7), slope) for slope in (0.0, 0.1))
     assert uphill.median < level.median
-    assert judged(FIRM).turn_limit.lower == 1.0
-    assert judged((0.0, 0.05)).turn_limit.upper == -1.0  # not even straight on
+    assert limit_of(FIRM).lower == 1.0
+    assert limit_of((0.0, 0.05)).upper == -1.0  # not even straight on
 
 
 def test_the_planner_judges_the_turn_that_it_measures() -> None:
@@ -134,6 +141,39 @@ def test_the_planner_judges_the_turn_that_it_measures() -> None:
     wide = advice(WEAK, 0.2, 0.1)
     assert wide.turn == pytest.approx(0.04 / 0.24)
     assert wide.reason is Reason.NONE
+
+
+def test_a_turn_that_no_wheel_rates_hold_has_no_pull_and_no_slope() -> None:
+    """Its stall probability is known all the same."""
+    found = judged((300.0, 0.3), 1.0)
+    assert found.stall_probability > 0.99
+    assert math.isnan(found.available.median)
+    assert math.isnan(found.slope_limit.median)
+
+
+def test_weaving_is_judged_by_its_turns_and_not_by_their_mean() -> None:
+    left, right = turned(0.05, 0.3), turned(0.05, -0.3)
+    planner = Planner(skid_steer(), METADATA.prior_mean, METADATA.prior_sd, AdviceConfig())
+    for one, other in zip(left[::2], right[1::2], strict=True):
+        planner.observe(one)
+        planner.observe(other)
+    planner.believe(belief(FIRM))
+    found = planner.advise(right[-1].stamp_ns)
+    assert found is not None
+    assert found.turn == pytest.approx(0.12 / 0.17)
+
+
+def test_a_gyroscope_that_is_off_does_not_turn_a_rover_that_stands() -> None:
+    """Wheels at rest, slips that a slip source gives all the same, and a bias of 0.01 rad/s."""
+    planner = Planner(skid_steer(), METADATA.prior_mean, METADATA.prior_sd, AdviceConfig())
+    observations = turned(0.0, 0.01)
+    for observation in observations:
+        planner.observe(observation)
+    planner.believe(belief(WEAK))
+    found = planner.advise(observations[-1].stamp_ns)
+    assert found is not None
+    assert not found.moving
+    assert found.reason is Reason.NONE
 
 
 def test_the_message_tells_the_turn_and_its_limit() -> None:

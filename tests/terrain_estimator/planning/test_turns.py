@@ -62,7 +62,7 @@ def test_slip_straight_ahead_stops_the_rover_and_in_a_turn_it_does_not() -> None
     assert math.isnan(turned.front_stall_probability)
     assert turned.known  # margins are those of the ground, for driving straight
     assert math.isnan(turned.turn)
-    assert math.isnan(turned.margins.turn_limit.lower)
+    assert math.isnan(turned.turn_limit.lower)
     assert not math.isnan(turned.margins.stall_probability)
 
 

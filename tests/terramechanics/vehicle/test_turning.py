@@ -8,6 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from terrain_estimator.planning.statics import TURNS
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.spatial import BodySimulation, Plane
 from terramechanics.vehicle.chassis import Chassis
@@ -20,7 +21,6 @@ OUTER = 0.02
 """[m/s] Rim speed of the outer wheels: so slow that the turn's inertia is nothing."""
 GROUNDS = [(800.0, 0.6), (2000.0, 0.75), (5000.0, 1.0)]
 """c [Pa] and tan phi."""
-SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0)
 
 
 def skid_steer(name: str = "four_wheel_rover", track: float = 0.8) -> Chassis:
@@ -108,17 +108,40 @@ def test_about_the_inner_wheels_less_pull_is_left_the_tighter_the_turn(
     assert bool((found[1:] < found[:-1]).all())
 
 
-def test_tables_have_no_holes_where_the_ground_holds_the_turn() -> None:
-    """From straight on or from the spot every turn of firm ground is found."""
-    found = pulls(skid_steer(), (5000.0, 1.0), doubles(0.1, 0.3, 0.6, 0.9), SHARES)
-    assert bool((found > NO_PULL).all())
-    assert float(found.diff(dim=0).abs().max()) < 0.35
+@pytest.mark.parametrize("ground", GROUNDS, ids=str)
+@pytest.mark.parametrize(("name", "track"), [("four_wheel_rover", 0.8), ("mars_rover", 2.4)])
+def test_tables_have_no_holes_where_the_ground_holds_the_turn(
+    name: str, track: float, ground: tuple[float, float]
+) -> None:
+    """From straight on, from the spot or from the next slip every turn of the table is found."""
+    found = pulls(skid_steer(name, track), ground, doubles(0.3, 0.4, 0.6, 0.9), TURNS)
+    assert bool((found[:, 1:] > NO_PULL).all())
+
+
+def test_about_the_inner_wheels_the_pull_is_that_of_the_simulator() -> None:
+    """Inner hubs that stand drag or drive: the pull is steep there, and the solver once failed."""
+    chassis = skid_steer("mars_rover", 2.4)
+    constants, strength = SOIL.constants().unsqueeze(0), doubles(3000.0, 0.75).unsqueeze(0)
+    drive = BodySimulation(chassis, constants, strength, slowest=1e-3 * OUTER)
+    left = doubles(*(1.0 if y > 0.0 else 0.0 for y in chassis.wheel_y))
+    rim = OUTER * (1.0 - left - 0.04 * left).unsqueeze(0)
+    half = max(chassis.wheel_y)
+    found = drive.settle(rim, 0.0 * rim, OUTER * doubles(0.3, 0.0, 0.3 / half).unsqueeze(0))
+    assert bool(found.solved.all())
+    ahead, _, yaw_rate = found.velocity[0].tolist()
+    share = yaw_rate * half / (ahead + yaw_rate * half)
+    assert share == pytest.approx(0.5, abs=0.01)
+    slips = doubles(0.3, 1.0 - (ahead + yaw_rate * half) / OUTER, 0.6)
+    result = turn(
+        chassis, constants.expand(3, 6), strength.expand(3, 2), 0.0 * slips, slips, [0.45, share]
+    )
+    assert float(result.pull[-1, 1]) == pytest.approx(0.0, abs=2e-3 * chassis.weight)
 
 
 def test_soft_ground_does_not_hold_a_turn_on_the_spot() -> None:
     """Nor does the simulated rover turn there as its wheels do."""
     ground = (300.0, 0.3)
-    found = pulls(skid_steer(), ground, doubles(0.1, 0.3, 0.6), SHARES)
+    found = pulls(skid_steer(), ground, doubles(0.1, 0.3, 0.6), TURNS)
     assert bool((found[-1] == NO_PULL).all())
     chassis = skid_steer()
     drive = BodySimulation(
