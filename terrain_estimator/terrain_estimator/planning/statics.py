@@ -29,7 +29,7 @@ TURNS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.495, 0.51, 0.55, 0.7, 1.0)
 where the inner wheels drag; beyond they drive backwards, which pulls. So nodes are close there, and
 none is on the step itself.
 """
-NOT_HELD = -0.4
+NOT_HELD = -0.35
 """[1] Pull over weight below which a table's value comes of turns that no rate of wheels holds."""
 SLIPS = (-0.1, 0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.9)
 ENTRY_ANGLES = np.linspace(0.0, 0.5 * np.pi, 129)

@@ -31,7 +31,7 @@ NEXT = 0.05
 """[1] Largest step from one turn to a tighter one that is sought from it."""
 BOTH = (quasi_newton, damped_newton)
 """Methods in turn: the second is slow, and gets where the first does not."""
-NO_PULL = -1.0
+NO_PULL = -0.5
 """[weights] Pull in a turn that no rate of the inner wheels holds."""
 
 
