@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """fleet replay SOURCE...: replay all bags in folders and object stores on a cluster.
 
-fleet discover FOLDER...: find_missing_effect on all bags in folders, each content once; its options
-and exit codes: fleet discover --help.
+fleet discover SOURCE...: find_missing_effect on all bags of the sources, each content once; its
+options and exit codes: fleet discover --help.
 
 A SOURCE is a folder, searched with all folders below it, a bag, or an address such as
 s3://bucket/folder. Writes OUT/bags.parquet, one row a bag, and OUT/seconds.parquet, one row a
@@ -31,6 +31,7 @@ from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.printing import print_lines
 from terrain_estimator.estimator.summary import Beliefs
 from terrain_estimator.files.results import ResultFolder
+from terrain_estimator.fleet.bringing import bring, is_remote
 from terrain_estimator.fleet.journal import Journal
 from terrain_estimator.fleet.sources import FleetError, find_bags, full_name
 from terrain_estimator.fleet.tables import BAGS, SECONDS, FleetTables
@@ -173,15 +174,11 @@ def _discover(arguments: list[str]) -> int:
     # scipy and the search take a second to import, and a replay does not need them
     from terrain_estimator.cli.find_missing_effect import search, search_parser  # noqa: PLC0415
 
-    if remote := [each for each in arguments if "://" in each]:
-        sys.stderr.write(
-            f"fleet: {remote[0]}: {DISCOVER} reads every bag several times: copy them to a folder"
-            " of this machine and of all workers\n"
-        )
-        return WRONG
-    options = search_parser(f"fleet {DISCOVER}").parse_args(arguments)
+    parser = search_parser(f"fleet {DISCOVER}")
+    _add_bring(parser)
     known: dict[str, str] = {}
     try:
+        options = parser.parse_args(_with_copies(arguments))
         options.runs = _distinct(options.runs, known)
         options.hold_out = _distinct(options.hold_out, known)
     except FleetError as error:
@@ -190,16 +187,43 @@ def _discover(arguments: list[str]) -> int:
     return search(options)
 
 
+def _add_bring(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "--bring",
+        type=Path,
+        default=Path("out/brought"),
+        metavar="FOLDER",
+        help="folder in which copies of the bags at addresses such as s3://bucket are kept, of this"
+        " machine and of all workers (default: %(default)s)",
+    )
+
+
+def _with_copies(arguments: Sequence[str]) -> list[str]:
+    """Return the arguments with folders of copies in place of addresses of object stores.
+
+    A search reads every bag several times, so that copies stay. Raises FleetError.
+    """
+    parser = ArgumentParser(add_help=False, allow_abbrev=False)
+    _add_bring(parser)
+    folder = parser.parse_known_args(arguments)[0].bring
+    return [
+        str(bring(each, folder, _say))
+        if before != "--scheduler" and not each.startswith("--") and is_remote(each)
+        else each
+        for before, each in zip(["", *arguments], arguments, strict=False)
+    ]
+
+
+def _say(line: str) -> None:
+    sys.stderr.write(f"fleet: {line}\n")
+
+
 def _distinct(folders: Sequence[Path], known: dict[str, str]) -> list[Path]:
     """Return the bags in folders by name, without those whose content is ``known`` already.
 
     Raises FleetError where a folder is not there.
     """
-
-    def say(line: str) -> None:
-        sys.stderr.write(f"fleet: {line}\n")
-
-    found = {bag.name: bag for folder in folders for bag in find_bags(str(folder), say)}
+    found = {bag.name: bag for folder in folders for bag in find_bags(str(folder), _say)}
     bags = []
     for name, bag in sorted(found.items()):
         content = content_of(bag)
@@ -207,7 +231,7 @@ def _distinct(folders: Sequence[Path], known: dict[str, str]) -> list[Path]:
         if other == name:
             bags.append(Path(name))
         else:
-            say(f"{name} has the content of {other}: it is counted once")
+            _say(f"{name} has the content of {other}: it is counted once")
     return bags
 
 

@@ -19,6 +19,7 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError
 from terrain_estimator.compiled.finding import Chosen, load
 from terrain_estimator.config.estimator import EstimatorConfig
+from terrain_estimator.fleet.bringing import copy_bag
 from terrain_estimator.fleet.seconds import Seconds
 from terrain_estimator.fleet.sources import FleetError, FoundBag, is_here, place_of, reason_of
 from terrain_estimator.model.metadata import ModelFileError
@@ -158,12 +159,7 @@ def _brought(bag: FoundBag) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(prefix="bag_", dir=_own_folder()) as folder:
         here = Path(folder) / ("bag" if bag.files else "bag.mcap")
-        if bag.files:
-            here.mkdir()
-        for name in bag.files:
-            system.get_file(f"{path}/{name}", str(here / name))
-        if not bag.files:
-            system.get_file(path, str(here))
+        copy_bag(bag, here)
         yield here
 
 

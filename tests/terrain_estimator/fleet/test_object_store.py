@@ -3,6 +3,7 @@
 """Bags in an object store: a real S3 server, whose bags are brought to the worker and removed."""
 
 import dataclasses
+import json
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -14,14 +15,17 @@ from urllib.request import urlopen
 import fsspec
 import pytest
 
+from terrain_estimator.cli import find_missing_effect
 from terrain_estimator.cli.fleet import main
 from terrain_estimator.compiled.finding import load
 from terrain_estimator.config.estimator import EstimatorConfig
-from terrain_estimator.fleet import task
+from terrain_estimator.fleet import bringing, task
 from terrain_estimator.fleet.sources import find_bags
 from terrain_estimator.fleet.task import BagResult, Failure, Settings, replayed
 from terrain_estimator.offline.replay import estimate
 from terrain_estimator.offline.topic_mapping import bag_topics
+from tests.hidden.cases import Plan, draw_cases
+from tests.hidden.sealing import seal
 from tests.terrain_estimator.fleet.fleets import (
     Processes,
     free_port,
@@ -114,6 +118,34 @@ def test_what_is_brought_is_removed_again_and_nothing_else(
     gone = replayed(dataclasses.replace(found[0], name=f"{SOURCE}/gone.mcap"), settings)
     assert isinstance(gone, Failure)
     assert f"{SOURCE}/gone.mcap" in gone.message
+
+
+def test_bags_at_an_address_are_copied_once_and_searched_like_those_in_a_folder(
+    store: fsspec.AbstractFileSystem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = draw_cases(Plan((("drive_drag", 1.0),), soil="loose_sand", seconds=9.0), 1, seed=5)[0]
+    bags = list(seal(case, tmp_path / "sealed"))[:3]
+    for bag in bags:
+        store.put(f"{bag}/", f"rovers/runs/{bag.name}", recursive=True)
+    here, there = tmp_path / "here", tmp_path / "there"
+    library = ["--library", "drive_drag"]
+    assert find_missing_effect.main([*map(str, bags), *library, "--out", str(here)]) == 0
+    brought = tmp_path / "brought"
+    address = [f"{SOURCE[:-6]}/runs", "--bring", str(brought)]
+    assert main(["discover", *address, *library, "--out", str(there)]) == 0
+    copies = sorted(path for path in brought.rglob("*") if path.is_file())
+    assert len(copies) == 2 * len(bags)  # metadata.yaml and one file of messages each
+    found = [json.loads((out / "finding.json").read_text()) for out in (here, there)]
+    assert found[0]["verdict"] == found[1]["verdict"]
+
+    def fail(*_: Any) -> None:
+        raise AssertionError("a bag was copied again")
+
+    monkeypatch.setattr(bringing, "copy_bag", fail)
+    assert main(["discover", *address, *library, "--out", str(there)]) == 0
+    copies[-1].write_bytes(b"another file")
+    assert main(["discover", *address, *library, "--out", str(there)]) == 2
+    assert copies[-1].read_bytes() == b"another file"
 
 
 @pytest.mark.usefixtures("store")
