@@ -98,6 +98,21 @@ def test_a_recording_cut_anywhere_is_whole_again_up_to_the_cut(
         ), f"cut at {at}"
 
 
+@pytest.mark.parametrize("opcode", [1, 2, 5, 6])
+def test_small_numbers_within_a_cut_message_are_no_record(
+    killed: Path, everything: list[RawMessage], tmp_path: Path, opcode: int
+) -> None:
+    """A count of 1 and zeros are the head of a record without a payload, were there such."""
+    data, places = killed.read_bytes(), message_records(killed)
+    start, end = places[60]
+    looks_like = HEAD.pack(opcode, 0)
+    cut = data[: end - 40] + looks_like + bytes(4)
+    assert start + HEAD.size < len(cut) < end
+    recovery, messages = recovered(tmp_path / "run.mcap", cut, tmp_path / "new")
+    assert messages == everything[:60]
+    assert recovery.lost == 1
+
+
 def test_the_new_bag_is_a_bag_for_others(killed: Path, tmp_path: Path) -> None:
     recovery = recover(killed.parent, tmp_path / "new")
     assert (recovery.span.count, recovery.lost, recovery.damage.passed_over) == (TOTAL, 0, 0)

@@ -38,6 +38,14 @@ _KINDS = {
 }
 
 
+_SHORTEST = 4
+_LEAST = {Opcode.HEADER: 8, Opcode.FOOTER: 20, Opcode.MESSAGE: MESSAGE_HEAD.size, Opcode.CHUNK: 40}
+"""[bytes] Least payload of a record, from the fixed parts of the MCAP specification.
+
+Small numbers within a message look like records of no length.
+"""
+
+
 @dataclass(slots=True)
 class Damage:
     """Unreadable parts of a file."""
@@ -133,7 +141,7 @@ def _begins(data: mmap, at: int, end: int) -> bool:
         if at + HEAD.size > end:
             return link > 0
         opcode, length = HEAD.unpack_from(data, at)
-        if not 1 <= opcode <= _LARGEST_OPCODE:
+        if not 1 <= opcode <= _LARGEST_OPCODE or length < _LEAST.get(opcode, _SHORTEST):
             return False
         at += HEAD.size + length
         if at > end:
