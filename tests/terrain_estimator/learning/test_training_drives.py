@@ -27,8 +27,8 @@ CHANGED = (
 
 @pytest.mark.parametrize("rover", TARGETS)
 def test_a_training_draws_the_drives_that_the_shipped_models_were_trained_on(rover: str) -> None:
-    """Without vector instructions the sums differ by 2e-15, by another start of a step by 1e-11."""
+    """Another start of a step changes the sums by 1e-11, a processor without vectors by 1e-15."""
     order = Order(load_rover(rover), load_soil("loose_sand"), 20, 0, duration_s=20.0, share=0.4)
     drawn = draw_chunk(Chunk(order, 0, 20))
     sums = drawn.target.square().sum((0, 1)).numpy()
-    np.testing.assert_allclose(sums, TARGETS[rover], rtol=2e-14, err_msg=CHANGED)
+    np.testing.assert_allclose(sums, TARGETS[rover], rtol=1e-12, err_msg=CHANGED)
