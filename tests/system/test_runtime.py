@@ -21,12 +21,11 @@ from terrain_estimator.nodes.recorder import RecorderNode
 from terrain_estimator.topics import INPUT_TYPES
 from tests.drives import drive_messages
 from tests.system.listening import Listener
-from tests.terrain_estimator.compiled.altered_cores import BUILT, model_with_core
+from tests.terrain_estimator.compiled.altered_cores import model_with_core
+from tests.terrain_estimator.compiled.built_cores import needs_core
 from tests.terrain_estimator.compiled.test_finding import shifted
 
-pytestmark = pytest.mark.skipif(
-    not (BUILT / "mars_rover.so").is_file(), reason="the workspace has no terrain_core"
-)
+pytestmark = needs_core
 SECONDS = 1.5
 
 

@@ -3,7 +3,6 @@
 """Built cores with other recorded answers: the core's own check finds that it differs from them."""
 
 import ctypes
-import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -13,17 +12,11 @@ import numpy as np
 from terrain_estimator.compiled.core import CompiledModel
 from terrain_estimator.model.metadata import model_path
 from terrain_estimator.observation import Floats
+from tests.terrain_estimator.compiled.built_cores import BUILT
 
 ANSWERS = 6
 """Numbers of an answer: means and variances of c and tan phi, mean and variance of the velocity."""
 _KEPT = ("strength_mean", "strength_covariance", "forecast", "forecast_variance")
-
-_FOLDERS = [
-    Path(prefix) / "lib/terrain_core"
-    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-]
-BUILT = next((folder for folder in _FOLDERS if folder.is_dir()), Path())
-"""Where the workspace's cores are, if it has any."""
 
 
 def altered(library: Path, copy: Path, change: Callable[[Floats], object]) -> None:

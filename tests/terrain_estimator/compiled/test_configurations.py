@@ -22,12 +22,10 @@ from terrain_estimator.learning.adding import Sized, add_effects
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.update import Estimate, Update
-from tests.terrain_estimator.compiled.altered_cores import BUILT
+from tests.terrain_estimator.compiled.built_cores import needs_core
 from tests.terrain_estimator.compiled.test_core import hostile, observed_drive, with_core
 
-pytestmark = pytest.mark.skipif(
-    not (BUILT / "mars_rover.so").is_file(), reason="the workspace has no terrain_core"
-)
+pytestmark = needs_core
 DRIFTING = CoreConfig(forgetting_time=15.0)
 KNOWN = CoreConfig(
     prior_cohesion_mean_pa=1200.0,

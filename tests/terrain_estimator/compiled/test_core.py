@@ -4,7 +4,6 @@
 
 import dataclasses
 import math
-import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -33,13 +32,11 @@ from terrain_estimator.update import Update
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.vehicle.wheel_places import WheelPlaces
 from tests.rovers import FOUR_WHEELS
+from tests.terrain_estimator.compiled.built_cores import BUILT, needs_core
 from tests.terrain_estimator.drives import drive_observations
 from tests.terrain_estimator.kinds import exported
 
-PREFIXES = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-BUILT = [Path(prefix) / "lib" / "terrain_core" for prefix in PREFIXES]
-FOLDER = next((folder for folder in BUILT if folder.is_dir()), None)
-pytestmark = pytest.mark.skipif(FOLDER is None, reason="the workspace has no terrain_core")
+pytestmark = needs_core
 
 
 @pytest.fixture(scope="module", params=model_names())
@@ -180,8 +177,7 @@ def test_a_core_goes_on_from_a_state_that_was_saved() -> None:
 
 
 def test_wider_registers_give_the_same_bytes() -> None:
-    assert FOLDER is not None
-    both = [FOLDER / f"mars_rover{end}" for end in (".so", WIDE)]
+    both = [BUILT / f"mars_rover{end}" for end in (".so", WIDE)]
     if not both[1].is_file() or " avx2 " not in Path("/proc/cpuinfo").read_text():
         pytest.skip("this processor has no AVX2")
     drive = recorded_drive(load_model("mars_rover").metadata).numpy()
@@ -235,8 +231,7 @@ def test_what_cannot_be_done_says_why() -> None:
 
 
 def test_a_core_of_another_model_is_refused(tmp_path: Path) -> None:
-    assert FOLDER is not None
-    shutil.copy(FOLDER / "paper_rover.so", tmp_path / "mars_rover.so")
+    shutil.copy(BUILT / "paper_rover.so", tmp_path / "mars_rover.so")
     path = tmp_path / "mars_rover.pt"
     with pytest.raises(CoreError, match=r"made from the model .* build it anew"):
         _only_beside(path, load_model("mars_rover").sha256)

@@ -19,12 +19,11 @@ from terrain_estimator.config.estimator import AUTO, COMPILED, TORCHSCRIPT, Core
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Floats
-from tests.terrain_estimator.compiled.altered_cores import BUILT, altered, model_with_core
+from tests.terrain_estimator.compiled.altered_cores import altered, model_with_core
+from tests.terrain_estimator.compiled.built_cores import BUILT, needs_core
 from tests.terrain_estimator.drives import drive_observations
 
-pytestmark = pytest.mark.skipif(
-    not (BUILT / "mars_rover.so").is_file(), reason="the workspace has no terrain_core"
-)
+pytestmark = needs_core
 Change = Callable[[Floats], object]
 
 

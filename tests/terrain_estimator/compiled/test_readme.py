@@ -21,7 +21,7 @@ from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.packed_observation import TurningBody, pack, scalar_fields
 from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Observation
 from terramechanics.vehicle.wheel_places import WheelPlaces
-from tests.terrain_estimator.compiled.altered_cores import BUILT
+from tests.terrain_estimator.compiled.built_cores import BUILT, needs_core
 
 COMPILER = shutil.which("cc")
 BY_AXLE = load_model("mars_rover").metadata
@@ -149,10 +149,8 @@ SNIPPET
 HALF = 34  # in the middle of a block
 
 
-@pytest.mark.skipif(
-    not (COMPILER and (BUILT / "mars_rover.so").is_file()),
-    reason="needs a C compiler and the workspace's terrain_core",
-)
+@pytest.mark.skipif(not COMPILER, reason="needs a C compiler")
+@needs_core
 def test_a_c_program_restores_a_state_as_the_readme_says(tmp_path: Path) -> None:
     """Its header alone, as C: the restored state goes on with the same bytes."""
     text = readme(BY_AXLE)

@@ -24,7 +24,7 @@ from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import Update
-from tests.terrain_estimator.compiled.test_core import FOLDER
+from tests.terrain_estimator.compiled.built_cores import needs_core
 from tests.terrain_estimator.drives import drive_observations
 
 WITHOUT = CoreConfig(use_sinkage=False)
@@ -154,7 +154,7 @@ def test_the_warm_up_takes_every_observation_with_and_without_a_sensor(
         assert set(outcomes) == {Outcome.ACCEPTED}
 
 
-@pytest.mark.skipif(FOLDER is None, reason="the workspace has no terrain_core")
+@needs_core
 def test_the_compiled_core_gives_what_torchscript_gives(
     model: LoadedModel, drive: list[Observation]
 ) -> None:
