@@ -12,7 +12,7 @@ import math
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -305,20 +305,34 @@ def stops(
 
     As the node, it advises twice a second, with the estimate and the measurements until then.
     """
-    reasons: Counter[Reason] = Counter()
+    return Counter(
+        first_stop(model, statics, zip(observations, observations, strict=True))[0]
+        for observations in found
+    )
+
+
+def first_stop(
+    model: LoadedModel, statics: TractionTable, drive: Iterable[tuple[Observation, Observation]]
+) -> tuple[Reason, bool]:
+    """Return why the planner first stops a drive, and whether it knew margins until then.
+
+    ``drive`` holds what the estimator and what the planner takes of each instant.
+    """
+    estimator = Estimator(model, CoreConfig())
     prior = model.metadata.prior_mean, model.metadata.prior_sd
-    for observations in found:
-        estimator = Estimator(model, CoreConfig())
-        planner, reason = Planner(statics, *prior, AdviceConfig()), Reason.NONE
-        for step, observation in enumerate(observations, 1):
-            update = estimator.update(observation)
-            planner.observe(observation)
-            if step % ADVISED == 0 and reason is Reason.NONE:
-                planner.believe(belief_of(update))
-                advice = planner.advise(observation.stamp_ns)
-                reason = Reason.NONE if advice is None else advice.reason
-        reasons[reason] += 1
-    return reasons
+    planner, known = Planner(statics, *prior, AdviceConfig()), False
+    for step, (seen, for_planner) in enumerate(drive, 1):
+        update = estimator.update(seen)
+        planner.observe(for_planner)
+        if step % ADVISED:
+            continue
+        planner.believe(belief_of(update))
+        advice = planner.advise(seen.stamp_ns)
+        if advice is not None:
+            known = known or advice.known
+            if advice.stop:
+                return advice.reason, known
+    return Reason.NONE, known
 
 
 ADVISED = 5

@@ -11,15 +11,13 @@ from typing import Any
 import numpy as np
 import torch
 
-from studies.by_wheel.drives import CORE, SEED, model_by_wheel, observed
+from studies.by_wheel.drives import SEED, model_by_wheel, observed
 from studies.by_wheel.motions import CONSTANTS_OFF
-from studies.off_plane import ADVISED, DRIVES, KINDS, SAMPLES, SOIL, simulated
-from studies.planner.patches import belief_of
+from studies.off_plane import DRIVES, KINDS, SAMPLES, SOIL, first_stop, simulated
 from terrain_estimator.config.planner import AdviceConfig
-from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terrain_estimator.observation import AXLE_FIELDS, Observation
-from terrain_estimator.planning.planner import Planner, Reason
+from terrain_estimator.planning.planner import Reason
 from terrain_estimator.planning.solving import solve_statics
 from terrain_estimator.planning.table import TractionTable
 from terramechanics.presets import load_rover
@@ -63,7 +61,6 @@ def stop_lines(
     statics = TractionTable(rover, solve_statics(rover, (SOIL,), places), 0.5 * kind.track)
     with tempfile.TemporaryDirectory() as folder:
         model = model_by_wheel(rover, places, DEFAULT_PRIOR, Path(folder) / "model.pt")
-    prior = model.metadata.prior_mean, model.metadata.prior_sd
     for yaw_rate in yaw_rates:
         generator = torch.Generator().manual_seed(SEED)
         drawn = torch.rand(DRIVES, 6, generator=generator, dtype=torch.float64)
@@ -72,20 +69,12 @@ def stop_lines(
         # a turn to the left: the right wheels, the last in the chassis, are outside
         slip = torch.stack([sample.slip[:, rover.axles :].mean(-1) for sample in driven], 1)
         outer = slip.unfold(1, WINDOW, 1).mean(-1).amax(-1).numpy()[:drives]
-        reasons, known = [], []
-        for drive in observed(rover, driven, strength, order, generator)[:drives]:
-            estimator = Estimator(model, CORE)
-            planner, reason, knows = Planner(statics, *prior, AdviceConfig()), Reason.NONE, False
-            for step, observation in enumerate(drive, 1):
-                update = estimator.update(observation)
-                planner.observe(by_axle(observation, axles))
-                if step % ADVISED == 0 and reason is Reason.NONE:
-                    planner.believe(belief_of(update))
-                    advice = planner.advise(observation.stamp_ns)
-                    reason = Reason.NONE if advice is None else advice.reason
-                    knows = knows or (advice is not None and advice.known)
-            reasons.append(reason)
-            known.append(knows)
+        found = observed(rover, driven, strength, order, generator)[:drives]
+        ends = [
+            first_stop(model, statics, ((each, by_axle(each, axles)) for each in drive))
+            for drive in found
+        ]
+        reasons, known = zip(*ends, strict=True)
         stopped = np.array([each is Reason.TRACTION for each in reasons])
         others = sum(each not in {Reason.NONE, Reason.TRACTION} for each in reasons)
         slips = outer > AdviceConfig().slip_limit

@@ -30,7 +30,10 @@ where the inner wheels drag; beyond they drive backwards, which pulls. So nodes 
 none is on the step itself.
 """
 NOT_HELD = -0.35
-"""[1] Pull over weight below which a table's value comes of turns that no rate of wheels holds."""
+"""[1] Pull over weight below which a table's value comes of turns that no rate of wheels holds.
+
+It lies above the mark of such turns, NO_PULL of ``terramechanics.vehicle.turning``.
+"""
 SLIPS = (-0.1, 0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.9)
 ENTRY_ANGLES = np.linspace(0.0, 0.5 * np.pi, 129)
 """[rad] acos(1 - z / r) of a wheel that sinks by z: forces are smooth in it, not in z."""

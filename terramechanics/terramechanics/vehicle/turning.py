@@ -85,7 +85,11 @@ class _Turn:
         )
 
     def forces(self, unknown: Tensor) -> tuple[Tensor, Tensor]:
-        """Return depths and forces [batch, wheels, 4] at the unknowns [batch, wheels + 2]."""
+        """Return depths [batch, wheels] [m] and forces [batch, wheels, 4] [N], [N m].
+
+        ``unknown`` [batch, wheels + 2] holds those of the depths, the inner rim's speed and v_y,
+        both in units of the outer rims' speed.
+        """
         step, wheels = self.step, self.step.chassis.wheels
         depth, (inner, left) = step.depth(unknown[:, :wheels]), unknown[:, wheels:].unbind(-1)
         rim = self.outer + (1.0 - self.outer) * inner.unsqueeze(-1)
@@ -94,7 +98,10 @@ class _Turn:
         return depth, driven.forces(motion, step.sinkage(depth), step.nodes)
 
     def balances(self, unknown: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the sums of the balances [batch, 6 + J] in their units, and the closure."""
+        """Return balances [batch, 6 + J] in their units, and the closure [batch, W - 3 - J] [1].
+
+        W wheels and J joints.
+        """
         depth, forces = self.forces(unknown)
         chassis = self.step.chassis
         sums = torch.einsum("bhwf,bwf->bh", self.step.balances, forces)

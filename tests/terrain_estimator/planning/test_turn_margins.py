@@ -19,9 +19,10 @@ from terrain_estimator.planning.margins import CredibleRange, Margins, margins, 
 from terrain_estimator.planning.messages import advice_message
 from terrain_estimator.planning.planner import Advice, Planner, Reason
 from terrain_estimator.planning.solving import solve_statics
-from terrain_estimator.planning.statics import TURNS, read_statics, write_statics
+from terrain_estimator.planning.statics import NOT_HELD, TURNS, read_statics, write_statics
 from terrain_estimator.planning.table import TractionTable
 from terrain_estimator.topics import ESTIMATE
+from terramechanics.vehicle.turning import NO_PULL
 from terramechanics.vehicle.wheel_places import WheelPlaces
 from tests.rovers import FOUR_WHEELS
 from tests.terrain_estimator.planning.support import METADATA, SOIL, belief, drive
@@ -145,6 +146,7 @@ def test_the_planner_judges_the_turn_that_it_measures() -> None:
 
 def test_a_turn_that_no_wheel_rates_hold_has_no_pull_and_no_slope() -> None:
     """Its stall probability is known all the same."""
+    assert NO_PULL < NOT_HELD
     found = judged((300.0, 0.3), 1.0)
     assert found.stall_probability > 0.99
     assert math.isnan(found.available.median)
