@@ -59,7 +59,7 @@ foreign-turns: workspace  ## judge models by wheel on another engine's turns, fo
 foreign-bag: workspace  ## turn one of those drives into a bag: make foreign-bag ARGS="A_cruise_tracks --out out/foreign/A_cruise_tracks"
 	ros2_ws/with python -m studies.foreign.bag $(ARGS)
 
-robustness: workspace  ## judge what is published where the world is not the model's, 1 h on two cores: docs/robustness.md
+robustness: workspace  ## judge what is published where the world is not the model's, 20 minutes of one core: docs/robustness.md
 	ros2_ws/with python -m studies.robustness $(ARGS)
 
 lateral: workspace  ## the bound of a minute of skid steering, for docs/lateral.md, 15 minutes of one core

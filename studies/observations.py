@@ -12,8 +12,10 @@ from terramechanics.simulation.sample import Measurement
 STEP_NS = 100_000_000
 
 
-def observations_of(measurement: Measurement, index: int) -> list[Observation]:
-    """Return the observations of one drive of a measured batch, stamped from 0.1 s on.
+def observations_of(
+    measurement: Measurement, index: int, step_ns: int = STEP_NS
+) -> list[Observation]:
+    """Return the observations of one drive of a measured batch, the first after one step [ns].
 
     What tells whether a rover is planar is not measured: a simulated one is.
     """
@@ -27,7 +29,7 @@ def observations_of(measurement: Measurement, index: int) -> list[Observation]:
     }
     fields = ({name: _plain(value[k]) for name, value in series.items()} for k in range(time))
     return [
-        Observation(stamp * STEP_NS, **values)  # type: ignore[arg-type]
+        Observation(stamp * step_ns, **values)  # type: ignore[arg-type]
         for stamp, values in enumerate(fields, 1)
     ]
 

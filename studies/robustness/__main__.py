@@ -20,12 +20,12 @@ from studies.command import add_record_options, refuse, refuse_too_short, study_
 from studies.records import Piece, compute, read_record, write_record, write_results
 from studies.robustness.drives import Record, drive_batch, joined
 from studies.robustness.table import WorldScore, line, page
-from studies.robustness.worlds import World, together, worlds
+from studies.robustness.worlds import BATCH, World, together, worlds
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 
-BATCH, SMALL_BATCH = 20, 5
-"""Drives that are computed at once; small where each batch has a world of its own."""
+SMALL_BATCH = 5
+"""Drives that are computed at once where each batch has a world of its own."""
 MIXED = 8
 """Such worlds for every batch of the others."""
 

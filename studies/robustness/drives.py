@@ -2,26 +2,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drives in a world, through the node's estimator with default parameters."""
 
+import dataclasses
 import math
+import tempfile
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from studies.foreign.watch import Watched, watched
 from studies.observations import observations_of
-from studies.robustness.worlds import SECONDS, World, measured, misstated, unknown_ground
-from terrain_estimator.config.estimator import CoreConfig
+from studies.physics import physics_model
+from studies.robustness.worlds import SECONDS, World, measured, near, unknown_ground
+from terrain_estimator.compiled.finding import load
+from terrain_estimator.config.estimator import AUTO, CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.tasks import SOILS, random_ground
+from terrain_estimator.messaging.averaging import Averager, averaged
+from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.messages import Status, status_of
 from terrain_estimator.messaging.pipeline import usable_rows
 from terrain_estimator.model.loaded import LoadedModel
-from terrain_estimator.model.model_file import load_model
+from terrain_estimator.model.report import Report
+from terrain_estimator.model.runtime import Runtime, RuntimeState
 from terrain_estimator.observation import Observation
-from terramechanics.presets import load_soil
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.simulation import simulate
 from terramechanics.vehicle.rover import Rover
@@ -44,20 +51,28 @@ WINDOW_S = 10.0
 
 def drive_batch(world: World, drives: int, seed: int) -> Record:
     """Return the record of a batch of drives over hills; the same seed draws the same ground."""
-    model = load_model(ROVER)
     drawing, hiding = (torch.Generator().manual_seed(2 * seed + k) for k in range(2))
     ground = random_ground(load_soil(world.soil or SOILS[0]), drives, drawing)
     if not world.soil:
         ground = unknown_ground(ground.patches[0].strength, hiding)
-    rover = misstated(model.rover, hiding) if world.rover else model.rover
-    plant = _plant(world, rover, drives, hiding)
-    drive = simulate(rover, ground, "S1", SECONDS, drawing, drives, plant=plant)
+    model = _model(world, hiding)
+    rover = near(model.rover, hiding) if world.rover else model.rover
+    plant, step_s = _plant(world, rover, drives, hiding), 1.0 / world.rate_hz
+    drive = simulate(rover, ground, "S1", SECONDS, drawing, drives, plant=plant, time_step=step_s)
     readings = measured(world, rover, drive.seen, hiding)
-    ends = drive_ends(drive).tolist()
+    ends = drive_ends(drive, step_s).tolist()
     truth = ground.patches[0].strength.numpy()
-    return joined(
-        _published(model, observations_of(readings, k)[: ends[k]], truth[k]) for k in range(drives)
-    )
+    every = (observations_of(readings, k, round(1e9 * step_s))[: ends[k]] for k in range(drives))
+    return joined(_published(model, seen, truth[k]) for k, seen in enumerate(every))
+
+
+def _model(world: World, generator: torch.Generator) -> LoadedModel:
+    """Return the model that ships, or the physics alone for a rover that is near a preset."""
+    if not world.near:
+        return load(ROVER, AUTO).model
+    rover = near(load_rover(world.near), generator)
+    with tempfile.TemporaryDirectory() as folder:
+        return physics_model(rover, load_soil(world.soil), Path(folder) / "near.pt")
 
 
 def _plant(world: World, rover: Rover, drives: int, generator: torch.Generator) -> Plant | None:
@@ -82,17 +97,18 @@ def _published(
     model: LoadedModel, observations: Sequence[Observation], truth: NDArray[np.float64]
 ) -> Record:
     core = CoreConfig()
-    seen, watch = watched(model)
-    estimator, rows = Estimator(seen, core), usable_rows(model.rows, core)
-    misfits: list[float] = []
-    degrees: list[float] = []
-    wrong, status, estimate = 0, Status.PRIOR_ONLY, None
-    for observation in observations:
-        update = estimator.update(observation)
+    noted = Noted(model.runtime)
+    estimator = Estimator(dataclasses.replace(model, runtime=noted), core)
+    rows, averager = usable_rows(model.rows, core), Averager(model.rover, core)
+    wrong, answers, status, estimate = 0, 0, Status.PRIOR_ONLY, None
+    readings = (Conversion(each.stamp_ns, each) for each in observations)
+    for taken in averaged(readings, averager):
+        assert taken.observation is not None  # what is simulated can be used
+        update = estimator.update(taken.observation)
         estimate, status = update.estimate, status_of(update, rows)
         inside = (estimate.lower_95 <= truth) & (truth <= estimate.upper_95)
         wrong += status is Status.IDENTIFIED and not inside.all()
-        _note(watch, misfits, degrees)
+        answers += 1
     assert estimate is not None
     values = {
         "truth": truth,
@@ -100,18 +116,32 @@ def _published(
         "deviation": np.sqrt(np.diag(estimate.covariance)),
         "inside": (estimate.lower_95 <= truth) & (truth <= estimate.upper_95),
         "status": int(status),
-        "wrong": wrong / len(observations),
-        "excess": excess_of(misfits, degrees),
-        "seconds": len(misfits),
+        "wrong": wrong / answers,
+        "excess": excess_of(noted.misfits, noted.degrees),
+        "seconds": len(noted.misfits),
     }
     return {name: np.asarray(value, np.float64)[np.newaxis] for name, value in values.items()}
 
 
-def _note(watch: Watched, misfits: list[float], degrees: list[float]) -> None:
-    closed = watch.take()
-    if closed is not None:
-        misfits.append(float(closed.after["misfit"]))
-        degrees.append(float(closed.after["degrees"]))
+class Noted:
+    """A runtime that notes by how much each closed second misses the model."""
+
+    def __init__(self, runtime: Runtime) -> None:
+        """Run ``runtime``."""
+        self._runtime = runtime
+        self.misfits: list[float] = []
+        self.degrees: list[float] = []
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - any method of a runtime
+        return getattr(self._runtime, name)
+
+    def report(self, state: RuntimeState) -> Report:
+        """Return the report of the last update."""
+        report = self._runtime.report(state)
+        if report.closed:
+            self.misfits.append(report.misfit)
+            self.degrees.append(report.degrees)
+        return report
 
 
 def excess_of(misfits: Sequence[float], degrees: Sequence[float]) -> float:

@@ -11,7 +11,7 @@ import torch
 from studies.accuracy.scores import share_of
 from studies.limited import Limited
 from studies.robustness.drives import Record
-from studies.robustness.worlds import SECONDS, World
+from studies.robustness.worlds import BATCH, DRIFT_S, SECONDS, World
 from studies.tables import licence, table
 from terrain_estimator.messaging.messages import Status
 
@@ -72,11 +72,16 @@ INTRODUCTION = """# Where the world is not the model's
 What does the estimator publish where something is hidden from it? Each line hides one thing. All
 drives are simulated: Mars-like rover, {seconds:g} s over hills (S1), seed {seed}. Unless the line
 says otherwise, the soil is loose sand with each constant up to 5 % wrong. The estimator is the
-node's, with default parameters and the model that ships.
+node's, with default parameters, the averaging of fast readings and the model that ships.
 
+- **Other rates**: so many readings a second, each with the usual noise.
+- **Other rovers**: mass, wheel radius and wheel width up to 30 % away from a preset. Here the file
+  says so and the model is the physics alone for that rover, one for every {batch} drives.
 - **Hidden effects** come from the generators of [hidden.md](hidden.md), at the size that matters.
   They share no law with the library. "Outside the library" are effects that it has no name for.
 - **Misstated noise**: the sensors' noise is not what the messages state.
+- **Drifting odometry**: the velocity has an error of 2 or 5 % of itself, correlated over
+  {drift:g} s, that nothing states. "And slip": the slip is computed from such a velocity.
 - **Unknown soil**: all six constants are drawn; the model knows three soils.
 - **Misstated rover**: mass, wheel radius and wheel width of the rover that drives are up to 30 %
   away from its file.
@@ -113,7 +118,14 @@ def page(lines: Sequence[WorldScore], measured: str, seed: int) -> str:
         "sound, of these",
         "holds",
     )
-    text = INTRODUCTION.format(measured=measured, seconds=SECONDS, seed=seed, visible=VISIBLE)
+    text = INTRODUCTION.format(
+        measured=measured,
+        seconds=SECONDS,
+        seed=seed,
+        visible=VISIBLE,
+        batch=BATCH,
+        drift=DRIFT_S,
+    )
     for kind in dict.fromkeys(each.kind for each in lines):
         rows = [_cells(each) for each in lines if each.kind == kind]
         text += f"## {kind.capitalize()}\n\n{table(head, rows)}\n"

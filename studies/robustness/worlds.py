@@ -4,29 +4,35 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from terrain_estimator.learning.tasks import SOILS
-from terramechanics.simulation.sample import TIME_STEP, Measurement, Sample
-from terramechanics.simulation.sensors import Noise, measure_drive
+from terramechanics.simulation.sample import Measurement, Sample
+from terramechanics.simulation.sensors import Noise, coloured, measure_drive
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.vehicle.rover import Rover
 from tests.hidden.generators import GENERATORS
 
-AS_MODELLED, EFFECT, OUTSIDE, NOISE, SOIL, ROVER, TOGETHER = (
+AS_MODELLED, RATE, OWN_ROVER, EFFECT, OUTSIDE, NOISE, ODOMETRY, SOIL, ROVER, TOGETHER = (
     "nothing hidden",
+    "other rates",
+    "other rovers",
     "hidden effects",
     "effects outside the library",
     "misstated noise",
+    "drifting odometry",
     "unknown soil",
     "misstated rover",
     "all together",
 )
 """Kinds of worlds, as the page names them."""
 SECONDS = 60.0
+BATCH = 20
+"""Drives that are computed at once, in one world."""
 SOIL_RANGES = (
     (0.5, 1.3),  # n [1]
     (500.0, 2000.0),  # k_c [Pa/m^(n-1)]
@@ -36,8 +42,10 @@ SOIL_RANGES = (
     (0.1, 0.35),  # c2 [1]
 )
 """Constants of an unknown soil: those of the three soils that the model knows span most of it."""
-STATED_MASS = 0.3
-"""[1] Largest error of the mass and of the wheels' radius and width in a misstated rover file."""
+ROVER_SPREAD = 0.3
+"""[1] Largest change of the mass and of the wheels' radius and width of a rover."""
+DRIFT_S = 10.0
+"""[s] Time constant of an odometry's drift."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +58,12 @@ class World:
     noise: float = 1.0  # times what is stated
     noise_time: float = 0.0  # [s] time constant of the noise, 0: white
     steps: float = 0.0  # width of a reading's steps, in stated deviations
+    drift: float = 0.0  # deviation of the odometry's drift, of the velocity
+    drifting_slip: bool = False  # slip is computed from such a velocity
+    rate_hz: float = 10.0  # of the readings
     soil: str = "loose_sand"  # empty: an unknown one
     rover: bool = False  # a misstated one
+    near: str = ""  # a preset: the rover is near it, and its file and model are its own
 
 
 def worlds() -> list[World]:
@@ -60,6 +72,11 @@ def worlds() -> list[World]:
     others = [name for name, hidden in GENERATORS.items() if not hidden.known]
     return [
         *(World(AS_MODELLED, soil, soil=soil) for soil in SOILS),
+        *(World(RATE, f"{rate:g} Hz", rate_hz=rate) for rate in (5.0, 20.0, 50.0, 200.0)),
+        *(
+            World(OWN_ROVER, f"within 30 % of {preset}", near=preset)
+            for preset in ("mars_rover", "paper_rover")
+        ),
         *(World(EFFECT, name, ((name, 1.0),)) for name in library),
         *(World(OUTSIDE, name, ((name, 1.0),)) for name in others),
         World(NOISE, "half of what is stated", noise=0.5),
@@ -67,6 +84,11 @@ def worlds() -> list[World]:
         World(NOISE, "three times what is stated", noise=3.0),
         World(NOISE, "correlated over 0.5 s", noise_time=0.5),
         World(NOISE, "steps of two deviations", steps=2.0),
+        *(
+            World(ODOMETRY, f"{what} off by {100 * drift:g} %", drift=drift, drifting_slip=both)
+            for drift in (0.02, 0.05)
+            for both, what in ((False, "velocity"), (True, "velocity and slip"))
+        ),
         World(SOIL, "constants drawn", soil=""),
         World(ROVER, "mass, radius, width up to 30 % off", rover=True),
     ]
@@ -97,10 +119,10 @@ def unknown_ground(strength: Tensor, generator: torch.Generator) -> Ground:
     return Ground([Patch(low + (high - low) * share, strength)])
 
 
-def misstated(rover: Rover, generator: torch.Generator) -> Rover:
-    """Return the rover that drives where ``rover`` is what its file says."""
+def near(rover: Rover, generator: torch.Generator) -> Rover:
+    """Return a rover whose mass and wheels differ by up to ROVER_SPREAD."""
     draw = torch.rand(3, generator=generator, dtype=torch.float64)
-    mass, radius, width = (1.0 + STATED_MASS * (2.0 * draw - 1.0)).tolist()
+    mass, radius, width = (1.0 + ROVER_SPREAD * (2.0 * draw - 1.0)).tolist()
     return dataclasses.replace(
         rover,
         mass=mass * rover.mass,
@@ -111,7 +133,7 @@ def misstated(rover: Rover, generator: torch.Generator) -> Rover:
 
 def measured(world: World, rover: Rover, sample: Sample, generator: torch.Generator) -> Measurement:
     """Measure a batch of drives with the world's noise, but the usual stated deviations."""
-    correlation = math.exp(-TIME_STEP / world.noise_time) if world.noise_time else 0.0
+    correlation = math.exp(-1.0 / (world.rate_hz * world.noise_time)) if world.noise_time else 0.0
     noise = Noise(factor=world.noise)
     found = measure_drive(rover, sample, noise, generator, correlation)
     values = {item.name: getattr(found, item.name) for item in dataclasses.fields(Measurement)}
@@ -121,4 +143,16 @@ def measured(world: World, rover: Rover, sample: Sample, generator: torch.Genera
         if world.steps and signal != "acceleration":  # whose deviation holds a constant bias, too
             width = world.steps * values[name].amin((0, 1))
             values[signal] = torch.round(values[signal] / width) * width
+    if world.drift:
+        share = world.drift * drift_of(sample.velocity.shape, 1.0 / world.rate_hz, generator)
+        values["velocity"] = values["velocity"] + share * sample.velocity
+        if world.drifting_slip:
+            rolling = 1.0 - sample.slip
+            values["slip"] = values["slip"] - share.unsqueeze(-1) * rolling
     return Measurement(**values)
+
+
+def drift_of(shape: Sequence[int], time_step: float, generator: torch.Generator) -> Tensor:
+    """Return series [batch, time] of deviation 1 with the time constant DRIFT_S."""
+    white = torch.randn(shape, generator=generator, dtype=torch.float64)
+    return coloured(white, math.exp(-time_step / DRIFT_S))

@@ -223,11 +223,11 @@ def _case(plan: Plan, simulated: Simulated, k: int) -> Case:
     )
 
 
-def drive_ends(drive: Drive) -> Tensor:
-    """Return the samples of every drive before its first stuck second, [batch]."""
+def drive_ends(drive: Drive, time_step: float = TIME_STEP) -> Tensor:
+    """Return the samples, ``time_step`` [s] apart, of drives before a stuck second, [batch]."""
     stuck = drive.sample.stuck
     moving = (~stuck).sum(1)
-    struggling = round(STUCK_TIME / TIME_STEP) - 1
+    struggling = round(STUCK_TIME / time_step) - 1
     return torch.where(stuck[:, -1], (moving - struggling).clamp(min=1), moving)
 
 

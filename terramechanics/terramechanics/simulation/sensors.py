@@ -97,7 +97,7 @@ def measure(
         spread = torch.sqrt((relative * true) ** 2 + constant**2)
         white = torch.randn(true.shape, generator=generator, dtype=torch.float64)
         value = true + noise.factor * spread * (
-            _coloured(white, correlation) if correlation else white
+            coloured(white, correlation) if correlation else white
         )
         claimed = torch.sqrt((relative * value) ** 2 + constant**2) * max(
             noise.factor, LEAST_FACTOR
@@ -133,7 +133,7 @@ def measure_drive(
     return measure(rover, sample, noise, bias.unsqueeze(-1), generator, correlation)
 
 
-def _coloured(white: Tensor, correlation: float) -> Tensor:
+def coloured(white: Tensor, correlation: float) -> Tensor:
     """Draw noise of unit variance [batch, time, ...] with ``correlation`` between neighbours."""
     fresh = math.sqrt(1.0 - correlation**2)
     series = [white[:, 0]]

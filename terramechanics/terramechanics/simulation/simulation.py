@@ -345,19 +345,20 @@ def simulate(
     batch: int,
     profile: str | Profile = "",
     plant: Plant | None = None,
+    time_step: float = TIME_STEP,
 ) -> Drive:
-    """Simulate a batch of drives of ``duration_s``, begun as by :func:`start`.
+    """Simulate a batch of drives of ``duration_s`` in steps of ``time_step``, both [s].
 
-    The same state of the generator gives the same drives.
+    They begin as by :func:`start`. The same state of the generator gives the same drives.
     """
     samples, seen = [], []
     with torch.inference_mode():  # a tenth of the time of a step is what autograd would note
         simulation, schedule = start(
-            rover, ground, schedule, generator, batch, profile, TIME_STEP, plant
+            rover, ground, schedule, generator, batch, profile, time_step, plant
         )
         start_velocity = simulation.velocity
-        for j in range(round(duration_s / TIME_STEP)):
-            samples.append(simulation.step(schedule.kind, schedule.command((j + 1) * TIME_STEP)))
+        for j in range(round(duration_s / time_step)):
+            samples.append(simulation.step(schedule.kind, schedule.command((j + 1) * time_step)))
             seen.append(simulation.sensed(samples[-1]))
     # Made outside, so that a caller may differentiate what it makes of them.
     series = _series(samples)

@@ -16,13 +16,17 @@ from studies.robustness.worlds import (
     SOIL_RANGES,
     TOGETHER,
     World,
+    drift_of,
     measured,
-    misstated,
+    near,
     together,
     unknown_ground,
     worlds,
 )
+from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.messaging.messages import Status
+from terrain_estimator.model.loaded import LoadedModel
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.sample import Drive
 from terramechanics.simulation.simulation import simulate
@@ -87,8 +91,8 @@ def test_unknown_soils_lie_in_their_ranges_and_keep_their_strength() -> None:
     assert not torch.equal(patch.constants[0], patch.constants[1])
 
 
-def test_a_misstated_rover_differs_by_at_most_thirty_percent_in_three_numbers() -> None:
-    rovers = [misstated(ROVER, generator(seed)) for seed in range(20)]
+def test_a_rover_near_another_differs_by_at_most_thirty_percent_in_three_numbers() -> None:
+    rovers = [near(ROVER, generator(seed)) for seed in range(20)]
     for name in ("mass", "wheel_radius", "wheel_width"):
         ratios = [getattr(rover, name) / getattr(ROVER, name) for rover in rovers]
         assert 0.7 <= min(ratios) < 0.85
@@ -164,6 +168,60 @@ def test_the_page_judges_a_hundred_drives_by_the_bar() -> None:
     assert rows["| bad"].endswith("| **no** |")
     assert rows["| few"].endswith("| not judged |")
     assert "## Other" in text
+
+
+def test_a_drift_is_correlated_over_its_time() -> None:
+    """At 1 s neighbours correlate by exp(-0.1); 40,000 of them give that within 0.02."""
+    series = drift_of((200, 200), 1.0, generator())
+    assert float(series.std()) == pytest.approx(1.0, abs=0.06)
+    product = (series[:, 1:] * series[:, :-1]).mean() / series.square().mean()
+    assert float(product) == pytest.approx(0.905, abs=0.02)
+
+
+def test_a_drift_is_a_share_of_the_velocity_and_of_what_slip_is_computed_from(
+    drive: Drive,
+) -> None:
+    usual = measured(World("", ""), ROVER, drive.sample, generator())
+    only, both = (
+        measured(World("", "", drift=0.05, drifting_slip=slip), ROVER, drive.sample, generator())
+        for slip in (False, True)
+    )
+    share = (only.velocity - usual.velocity) / drive.sample.velocity
+    assert 0.03 < float(share.std()) < 0.07
+    torch.testing.assert_close(both.velocity, only.velocity)
+    torch.testing.assert_close(only.slip, usual.slip, equal_nan=True)
+    # 1 - slip = v / (r w): both are off by the same share
+    of_slip = (usual.slip - both.slip) / (1.0 - drive.sample.slip)
+    assert float((of_slip - share.unsqueeze(-1)).nan_to_num().abs().max()) < 1e-12
+
+
+def test_readings_come_at_the_rate_of_the_world_and_are_averaged(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(drives, "SECONDS", 4.0)
+    slow, usual, fast = (
+        drive_batch(World("", "", rate_hz=rate), 2, 5) for rate in (5.0, 10.0, 50.0)
+    )
+    # ten observations close a second of driving; at 5 Hz they take two
+    assert (fast["seconds"] == usual["seconds"]).all()
+    assert (slow["seconds"] < usual["seconds"]).all()
+    assert (fast["deviation"] < usual["deviation"]).all()
+
+
+def test_a_rover_near_a_preset_has_its_own_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    rovers = []
+
+    class Seen(Estimator):
+        def __init__(self, model: LoadedModel, config: CoreConfig) -> None:
+            rovers.append(model.rover)
+            super().__init__(model, config)
+
+    monkeypatch.setattr(drives, "SECONDS", 2.0)
+    monkeypatch.setattr(drives, "Estimator", Seen)
+    drive_batch(World("", "", near="mars_rover"), 2, 5)
+    assert rovers[0] == rovers[1]
+    assert rovers[0].mass != ROVER.mass
+    assert rovers[0].mass == pytest.approx(ROVER.mass, rel=0.3)
 
 
 @pytest.mark.parametrize(
