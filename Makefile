@@ -41,7 +41,7 @@ train: workspace  ## train the models that ship anew; results in out/models
 accuracy: workspace  ## judge the estimator on simulated drives: docs/accuracy.md
 	ros2_ws/with python -m studies.accuracy $(ARGS)
 
-long: workspace  ## judge the intervals after minutes and an hour on one ground, 2 h of two cores: docs/long_drives.md
+long: workspace  ## judge the intervals after minutes and an hour on one ground, 1 h of one core: docs/long_drives.md
 	ros2_ws/with python -m studies.long $(ARGS)
 
 change: workspace  ## judge how soon a change of the ground is found: docs/change.md

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.stats import binom, chi2, norm
+from scipy.stats import chi2, norm
 
 from studies.accuracy.scores import CONFIDENCE, share_of
 from studies.change.drives import Change, FalseAlarms, Followed
 from studies.limited import Limited
+from studies.quantiles import quantile_of
 
 WORSE = 1.3
 """[1] Recovered: the median error is at most this multiple of the fresh estimator's."""
@@ -153,18 +154,3 @@ def _least_ratio(error: NDArray[np.float64], fresh: NDArray[np.float64]) -> floa
     least = 1e-9  # an exact estimate is as good as another
     ratios = (np.median(error[chosen], 1) + least) / (np.median(fresh[chosen], 1) + least)
     return float(np.quantile(ratios, 0.5 * (1.0 - CONFIDENCE)))
-
-
-def quantile_of(values: NDArray[np.float64], share: float) -> Limited:
-    """Return the quantile of a sample, with order statistics as limits at CONFIDENCE."""
-    ordered, count = np.sort(values), values.shape[0]
-    low, high = (
-        int(binom.ppf(0.5 + side * CONFIDENCE / 2.0, count, share)) for side in (-1.0, 1.0)
-    )
-    last = count - 1
-    place = min(max(math.ceil(share * count) - 1, 0), last)
-    return Limited(
-        float(ordered[place]),
-        float(ordered[min(max(low - 1, 0), last)]),
-        float(ordered[min(high, last)]),
-    )

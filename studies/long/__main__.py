@@ -10,16 +10,21 @@ import argparse
 import dataclasses
 import json
 import sys
+import zlib
+from dataclasses import asdict
 from functools import partial
+from typing import Any, NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from docs.provenance import digest, measured
-from studies.accuracy.cells import EVERY_ROW, SHIPPED_ROWS, WRONG, CellBatch, Setting, study
-from studies.accuracy.pieces import read_part, write_part
+from studies.accuracy.cells import WRONG
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
 from studies.long.table import LongLine, lines, page
-from studies.records import Piece, compute, write_results
+from studies.records import Piece, compute, read_record, write_record, write_results
+from studies.stream.drives import CONFIGS, EVERY_ROW, Streamed, joined, stream_cell
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.tasks import ROVERS
@@ -29,7 +34,21 @@ MINUTES_S, HOUR_S = (40.0, 100.0, 200.0, 400.0), (400.0, 1200.0, 3600.0)
 """[s] Times at which drives of minutes and of an hour are judged."""
 HOUR_ROWS = ("v+L", EVERY_ROW)
 BATCH = 50
-"""Drives that are computed at once; those of an hour take 9 GB."""
+"""Drives that are computed at once."""
+OF_EACH_OBSERVATION = ("innovation", "variance", "soil_probability", "soil_right")
+"""Fields that are not kept."""
+
+Record = dict[str, NDArray[Any]]
+
+
+class Setting(NamedTuple):
+    """One set of drives, simulated once."""
+
+    rover: str
+    spread: float  # [1] of the soil constants
+    times_s: tuple[float, ...]  # [s] at which it is judged; a drive lasts until the last
+    rows: tuple[str, ...]
+    hour: bool = False
 
 
 @interruptible
@@ -43,8 +62,8 @@ def main(argv: list[str] | None = None) -> int:
     args = _parser().parse_args(argv)
     pieces = _pieces(args)
     try:
-        missing = [piece for _, piece in pieces if read_part(piece.path) is None]
-        compute("studies.long", missing, args.jobs, args.minutes, write_part)
+        missing = [piece for _, piece in pieces if read_record(piece.path) is None]
+        compute("studies.long", missing, args.jobs, args.minutes, write_record)
         found = _lines(pieces)
         if not found:
             return refuse_too_short("long", "batch")
@@ -73,38 +92,68 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _pieces(args: argparse.Namespace) -> list[tuple[Setting, Piece[CellBatch]]]:
+def _pieces(args: argparse.Namespace) -> list[tuple[Setting, Piece[Record]]]:
     """Return every setting's first batch, then every setting's second, and so on; hours last."""
     folder = args.records / f"{digest('long')}-{args.seed}"
     found = []
-    for times, count in ((MINUTES_S, args.minutes_of_driving), (HOUR_S, args.hours)):
+    for hour, count in ((False, args.minutes_of_driving), (True, args.hours)):
+        chosen = [each for each in _settings() if each.hour is hour]
         for number in range(count):
-            for setting in (each for each in _settings() if each.times_s == times):
-                place = (setting.rover, f"{times[-1]:g}s", f"{setting.spread:g}", number)
-                path = folder / ("-".join(map(str, place)) + ".npz")
-                work = partial(study, setting, BATCH, args.seed, number)
-                found.append((setting, Piece(work, path)))
+            for setting in chosen:
+                kind = "hour" if hour else "minutes"
+                path = folder / f"{setting.rover}-{kind}-{setting.spread:g}-{number}.npz"
+                seed = args.seed + zlib.crc32(path.name.encode()) % 1_000_000
+                found.append((setting, Piece(partial(_batch, setting, BATCH, seed), path)))
     return found
 
 
 def _settings() -> list[Setting]:
     """Return what is driven: minutes with exact and with wrong constants, an hour with wrong."""
     minutes = [
-        Setting(rover, SOIL, spread=spread, rows=SHIPPED_ROWS, times_s=MINUTES_S)
+        Setting(rover, spread, MINUTES_S, tuple(CONFIGS))
         for rover in ROVERS
         for spread in (0.0, WRONG)
     ]
-    hours = [Setting(rover, SOIL, spread=WRONG, rows=HOUR_ROWS, times_s=HOUR_S) for rover in ROVERS]
+    hours = [Setting(rover, WRONG, HOUR_S, HOUR_ROWS, hour=True) for rover in ROVERS]
     return minutes + hours
 
 
-def _lines(pieces: list[tuple[Setting, Piece[CellBatch]]]) -> list[LongLine]:
+def _batch(setting: Setting, drives: int, seed: int) -> Record:
+    """Return the results of some drives, named ROWS.FIELD; predictions are left out."""
+    rover, spread, times, rows, hour = setting
+    found = stream_cell(rover, SOIL, spread, drives, seed, times, rows, bound=not hour)
+    return {
+        f"{name}.{field}": value
+        for name, streamed in found.items()
+        for field, value in asdict(streamed).items()
+        if field not in OF_EACH_OBSERVATION
+    }
+
+
+def _streamed(record: Record, rows: str) -> Streamed:
+    nothing = dict.fromkeys(OF_EACH_OBSERVATION, np.empty((len(record[f"{rows}.truth"]), 0)))
+    fields = {
+        field.name: record.get(f"{rows}.{field.name}") for field in dataclasses.fields(Streamed)
+    }
+    return Streamed(**{**fields, **nothing})  # type: ignore[arg-type]
+
+
+def _lines(pieces: list[tuple[Setting, Piece[Record]]]) -> list[LongLine]:
     """Return the lines of the batches that are done."""
-    parts: dict[Setting, list[CellBatch]] = {}
+    parts: dict[Setting, list[Record]] = {}
     for setting, piece in pieces:
-        if part := read_part(piece.path):
-            parts.setdefault(setting, []).append(part)
-    return [line for setting, of_setting in parts.items() for line in lines(setting, of_setting)]
+        if record := read_record(piece.path):
+            parts.setdefault(setting, []).append(record)
+    return [
+        line
+        for setting, records in parts.items()
+        for line in lines(
+            setting.rover,
+            setting.spread,
+            setting.times_s,
+            {rows: joined(_streamed(each, rows) for each in records) for rows in setting.rows},
+        )
+    ]
 
 
 if __name__ == "__main__":

@@ -18,14 +18,15 @@ from docs.provenance import digest, measured
 from studies.accuracy.cells import WRONG
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
 from studies.records import Piece, compute, read_record, write_record, write_results
-from studies.stream.drives import Streamed, joined, stream_cell
+from studies.stream.drives import EVERY_ROW, Streamed, joined, stream_cell
 from studies.stream.table import StreamCell, page, score
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.tasks import ROVERS, SOILS
 from terrain_estimator.model.model_file import load_model
 
-BATCH = 5
+BATCH = 50
+TIMES_S = (40.0,)
 """Drives that are computed at once."""
 
 Place = tuple[str, str, float]
@@ -107,10 +108,14 @@ def _pieces(args: argparse.Namespace) -> dict[Place, list[Piece[Streamed]]]:
                 args.seed + 1000 * index,
             )
             found[place] = [
-                Piece(partial(stream_cell, *place, BATCH, first + k), folder / f"{name}-{k}.npz")
+                Piece(partial(_every_row, place, first + k), folder / f"{name}-{k}.npz")
                 for k in range(args.batches)
             ]
     return found
+
+
+def _every_row(place: Place, seed: int) -> Streamed:
+    return stream_cell(*place, BATCH, seed, TIMES_S)[EVERY_ROW]
 
 
 def _cells(pieces: dict[Place, list[Piece[Streamed]]]) -> list[StreamCell]:

@@ -21,8 +21,9 @@ from studies.accuracy.scores import (
     share_of,
 )
 from studies.change.drives import Change, Followed
-from studies.change.scores import quantile_of, rate_limits, score_change
+from studies.change.scores import rate_limits, score_change
 from studies.paper.scores import quartiles
+from studies.quantiles import quantile_of
 from studies.tables import table
 from terrain_estimator.model.row_names import row_names
 

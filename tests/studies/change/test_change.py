@@ -13,8 +13,9 @@ from scipy.stats import binom, poisson
 
 from studies.change import drives as change
 from studies.change.drives import Change, changed_ground
-from studies.change.scores import quantile_of, rate_limits, score_change
+from studies.change.scores import rate_limits, score_change
 from studies.change.table import ChangeRun, page
+from studies.quantiles import quantile_of
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.model.model_file import load_model
 from terramechanics.presets import load_rover

@@ -5,54 +5,56 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
-import torch
 
-from studies.accuracy.cells import CellBatch, Setting
-from studies.accuracy.scores import Judged
 from studies.long import __main__ as command
 from studies.long.table import lines, page
+from studies.stream.drives import Streamed
 
-DRIVES = 100
+DRIVES = 200
 TIMES_S = (40.0, 400.0)
 
 
-def judged(errors: torch.Tensor) -> Judged:
-    """Return drives whose errors are ``errors`` [N, K] published deviations, those of the bound."""
-    sd = torch.tensor([100.0, 0.01], dtype=torch.float64)
-    truth = torch.tensor([[2000.0, 0.5]], dtype=torch.float64).expand(DRIVES, 2)
-    times = errors.shape[1]
-    return Judged(
+def streamed(errors: "np.ndarray[tuple[int, int], np.dtype[np.float64]]") -> Streamed:
+    """Return drives whose errors are ``errors`` [N, K] published deviations, without a bound."""
+    count, times = errors.shape
+    nothing = np.zeros((count, 0))
+    sd = np.array([100.0, 0.01])
+    truth = np.tile([2000.0, 0.5], (count, 1))
+    inside = np.repeat((np.abs(errors) < 1.96)[..., np.newaxis], 2, -1).astype(float)
+    return Streamed(
         truth,
-        truth.unsqueeze(1) + errors.unsqueeze(-1) * sd,
-        torch.diag(sd**2).expand(DRIVES, times, 2, 2),
-        sd.expand(DRIVES, times, 2),
-        sd.expand(DRIVES, 2),
-        torch.zeros(DRIVES),
-        torch.zeros(DRIVES, 4),
-        torch.zeros(DRIVES, 5),
-        torch.zeros(DRIVES),
+        truth[:, np.newaxis] + errors[..., np.newaxis] * sd,
+        np.broadcast_to(sd, (count, times, 2)),
+        inside,
+        np.ones((count, times, 2)),
+        np.ones(count),
+        np.full((count, times, 2), np.nan),
+        nothing,
+        nothing,
+        nothing,
+        nothing,
+        np.zeros(count),
+        np.ones(count),
     )
 
 
 def test_coverage_and_shift_are_judged_after_each_time() -> None:
-    """Of 100 errors 10 are two deviations at first; later all are one deviation to one side."""
-    early = torch.zeros(DRIVES, dtype=torch.float64)
-    early[:5], early[5:10] = 2.0, -2.0
-    errors = torch.stack([early, torch.ones(DRIVES, dtype=torch.float64)], 1)
-    setting = Setting("paper_rover", "loose_sand", rows=("v+L",), times_s=TIMES_S)
-    parts = [CellBatch({("v+L", "physics"): judged(errors)}, [], [])] * 2
-    first, second = lines(setting, parts)
-    assert (first.after_s, first.drives) == (40.0, 2 * DRIVES)
-    assert first.cohesion.covered.value == pytest.approx(0.9)
+    """Of 200 errors 20 are two deviations at first; later all are one deviation to one side."""
+    errors = np.zeros((DRIVES, 2))
+    errors[:10, 0], errors[10:20, 0], errors[:, 1] = 2.0, -2.0, 1.0
+    first, second = lines("paper_rover", 0.0, TIMES_S, {"v+L": streamed(errors)})
+    assert (first.after_s, first.drives) == (40.0, DRIVES)
+    assert first.cohesion.inside_95.value == pytest.approx(0.9)
     assert first.cohesion.shift.value == pytest.approx(0.0)
-    assert second.tan_phi.covered.value == 1.0
+    assert second.tan_phi.inside_95.value == 1.0
     assert second.tan_phi.shift.value == pytest.approx(1.0)
-    assert second.cohesion.of_bound == pytest.approx(1.0 / 0.67449, rel=1e-4)
     assert second.cohesion.median_error == pytest.approx(0.05)
-    text = page([first, second], "Measured.", 7)
-    assert "| paper | exact | v+L | 40 | 200 |" in text
-    assert text.count("c shift, tan phi shift |") == 1
+    rows = [row for row in page([first, second], "Measured.", 7).splitlines() if "| paper" in row]
+    assert rows[0].startswith("| paper | exact | v+L | 40 | 200 | 0.0 |  | 90.0 (")
+    assert rows[0].endswith("|  |")
+    assert rows[1].endswith("| c shift, tan phi shift |")
 
 
 def test_the_command_writes_a_page_and_goes_on_where_it_was(
@@ -68,10 +70,13 @@ def test_the_command_writes_a_page_and_goes_on_where_it_was(
     assert command.main(call) == 0
     cells = json.loads(out.read_text())["cells"]
     assert {(cell["rows"], cell["after_s"]) for cell in cells} == {
-        *((rows, after) for rows in ("v+L", "v+L+M", "v+L+M+B") for after in (6.0, 7.0)),
-        *((rows, after) for rows in ("v+L", "v+L+M+B") for after in (6.0, 8.0)),
+        *((rows, after) for rows in ("v+L", "v+L+M", "all") for after in (6.0, 7.0)),
+        *((rows, after) for rows in ("v+L", "all") for after in (6.0, 8.0)),
     }
     assert {cell["drives"] for cell in cells} == {2}
+    bounds = {cell["after_s"]: cell["cohesion"]["of_bound"]["value"] for cell in cells}
+    assert bounds[7.0] > 0.0
+    assert np.isnan(bounds[8.0])
     lost, *kept = sorted(tmp_path.rglob("*.npz"))
     before = [path.stat().st_mtime_ns for path in kept]
     lost.unlink()

@@ -12,7 +12,9 @@ from scipy.stats import binom
 
 from studies.stream import __main__ as stream_study
 from studies.stream.drives import Streamed
+from studies.stream.scores import strength_score
 from studies.stream.table import score
+from studies.stream.targets import TARGETS, worst_of
 from terrain_estimator.learning.tasks import ROVERS
 
 DRIVES = 2
@@ -83,8 +85,9 @@ def test_each_drive_counts_once_when_its_soil_is_first_neither_sure_nor_unlikely
     probability = np.array([[0.5, 0.9, 0.99], [0.93, 0.6, 0.86], [0.5, 0.84, 0.96]])
     right = np.array([[0.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 1.0, 1.0]])
     count = np.ones(3)
+    at_end = nothing[:, np.newaxis]
     streamed = Streamed(
-        nothing + 1.0, nothing + 1.0, nothing + 1.0, nothing, nothing,
+        nothing + 1.0, at_end + 1.0, at_end + 1.0, at_end, at_end, count, at_end + 1.0,
         np.ones((3, 100)), np.ones((3, 100)), probability, right, count, count,
     )  # fmt: skip
     found = score("mars_rover", "mars_rover-1", "loose_sand", 0.0, streamed).soil_found
@@ -97,3 +100,68 @@ def test_no_time_for_one_batch_of_each_cell_is_said(
 ) -> None:
     assert call(folder, "--seed", "1", "--minutes", "1e-9") == 1
     assert "goes on where it was" in capsys.readouterr().err
+
+
+def streamed_with(errors: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> Streamed:
+    """Return drives whose last errors are ``errors`` [N] deviations, which are those of the bound.
+
+    The first half is identified, the first tenth never published.
+    """
+    count = len(errors)
+    truth = np.tile([2000.0, 0.5], (count, 1))
+    sd = np.tile([100.0, 0.01], (count, 1))
+    share = np.arange(count) / count
+    nothing = np.zeros((count, 0))
+    both = np.tile((share < 0.5)[:, np.newaxis, np.newaxis], (1, 2, 2)).astype(float)
+    return Streamed(
+        truth,
+        truth[:, np.newaxis] + np.stack([9.0 * sd, errors[:, np.newaxis] * sd], 1),
+        np.stack([sd, sd], 1),
+        np.tile((np.abs(errors) < 1.96)[:, np.newaxis, np.newaxis], (1, 2, 2)).astype(float),
+        both,
+        (share >= 0.1).astype(float),
+        np.stack([sd, sd], 1),
+        nothing,
+        nothing,
+        nothing,
+        nothing,
+        np.zeros(count),
+        np.ones(count),
+    )
+
+
+def test_a_parameter_is_scored_at_the_time_that_is_asked_for() -> None:
+    errors = np.tile([-0.5, 0.5, 1.5, -2.5, 0.5], 40)
+    found = strength_score(streamed_with(errors), 1, 0)
+    assert found.median_error == pytest.approx(0.025)
+    assert found.of_bound.value == pytest.approx(0.5 / 0.67449, rel=1e-4)
+    assert found.inside_95.value == pytest.approx(0.8)
+    assert found.inside_68 is not None
+    assert found.inside_68.value == pytest.approx(0.6)  # of 180 that published
+    assert found.shift.value == pytest.approx(-0.1)
+    assert (found.known, found.identified) == (200, 0.5)
+    assert found.identified_of_known is not None
+    assert found.identified_of_known.value == 0.5
+    assert strength_score(streamed_with(errors), 0, 0).shift.value == pytest.approx(9.0)
+
+
+def test_a_drive_that_the_bound_cannot_identify_is_not_asked_to_be() -> None:
+    drives = streamed_with(np.zeros(10))
+    drives.least[:, 1, 0] = 0.4 * 1300.0  # 0.16 of the prior's variance
+    found = strength_score(drives, 1, 0)
+    assert (found.known, found.identified_of_known) == (0, None)
+
+
+def test_a_target_names_its_worst_cell_and_counts_those_whose_limits_exclude_it() -> None:
+    good = strength_score(streamed_with(np.tile([-0.5, 0.5], 100)), 1, 0)
+    bad = strength_score(streamed_with(np.tile([-2.5, 2.0], 100)), 1, 0)
+    covered = worst_of(TARGETS[0], [("good", good), ("bad", bad)])
+    assert covered is not None
+    assert (covered.cell, covered.missed, covered.cells) == ("bad", 2, 2)  # 100 % is too much, too
+    shift = worst_of(TARGETS[2], [("good", good), ("bad", bad)])
+    assert shift is not None
+    assert (shift.cell, shift.missed) == ("bad", 0)
+    identified = worst_of(TARGETS[3], [("good", good)])
+    assert identified is not None
+    assert identified.missed == 1
+    assert worst_of(TARGETS[3], []) is None
