@@ -11,20 +11,18 @@ import dataclasses
 import json
 import sys
 import zlib
-from dataclasses import asdict
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from docs.provenance import digest, measured
 from studies.accuracy.cells import WRONG
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
 from studies.long.table import LongLine, lines, page
 from studies.records import Piece, compute, read_record, write_record, write_results
-from studies.stream.drives import CONFIGS, EVERY_ROW, Streamed, joined, stream_cell
+from studies.stream.drives import CONFIGS, EVERY_ROW, joined, stream_cell
+from studies.stream.pieces import Record, record_of, streamed_of
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.tasks import ROVERS
@@ -35,10 +33,6 @@ MINUTES_S, HOUR_S = (40.0, 100.0, 200.0, 400.0), (400.0, 1200.0, 3600.0)
 HOUR_ROWS = ("v+L", EVERY_ROW)
 BATCH = 50
 """Drives that are computed at once."""
-OF_EACH_OBSERVATION = ("innovation", "variance", "soil_probability", "soil_right")
-"""Fields that are not kept."""
-
-Record = dict[str, NDArray[Any]]
 
 
 class Setting(NamedTuple):
@@ -119,23 +113,8 @@ def _settings() -> list[Setting]:
 
 
 def _batch(setting: Setting, drives: int, seed: int) -> Record:
-    """Return the results of some drives, named ROWS.FIELD; predictions are left out."""
     rover, spread, times, rows, hour = setting
-    found = stream_cell(rover, SOIL, spread, drives, seed, times, rows, bound=not hour)
-    return {
-        f"{name}.{field}": value
-        for name, streamed in found.items()
-        for field, value in asdict(streamed).items()
-        if field not in OF_EACH_OBSERVATION
-    }
-
-
-def _streamed(record: Record, rows: str) -> Streamed:
-    nothing = dict.fromkeys(OF_EACH_OBSERVATION, np.empty((len(record[f"{rows}.truth"]), 0)))
-    fields = {
-        field.name: record.get(f"{rows}.{field.name}") for field in dataclasses.fields(Streamed)
-    }
-    return Streamed(**{**fields, **nothing})  # type: ignore[arg-type]
+    return record_of(stream_cell(rover, SOIL, spread, drives, seed, times, rows, bound=not hour))
 
 
 def _lines(pieces: list[tuple[Setting, Piece[Record]]]) -> list[LongLine]:
@@ -151,7 +130,7 @@ def _lines(pieces: list[tuple[Setting, Piece[Record]]]) -> list[LongLine]:
             setting.rover,
             setting.spread,
             setting.times_s,
-            {rows: joined(_streamed(each, rows) for each in records) for rows in setting.rows},
+            {rows: joined(streamed_of(each, rows) for each in records) for rows in setting.rows},
         )
     ]
 

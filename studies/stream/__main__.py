@@ -18,7 +18,8 @@ from docs.provenance import digest, measured
 from studies.accuracy.cells import WRONG
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
 from studies.records import Piece, compute, read_record, write_record, write_results
-from studies.stream.drives import EVERY_ROW, Streamed, joined, stream_cell
+from studies.stream.drives import CONFIGS, EVERY_ROW, joined, stream_cell
+from studies.stream.pieces import Record, record_of, streamed_of
 from studies.stream.table import StreamCell, page, score
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
@@ -47,13 +48,7 @@ def main(argv: list[str] | None = None) -> int:
     every = [piece for same in zip(*pieces.values(), strict=True) for piece in same]
     try:
         missing = [piece for piece in every if read_record(piece.path) is None]
-        compute(
-            "studies.stream",
-            missing,
-            args.jobs,
-            args.minutes,
-            lambda streamed, path: write_record(asdict(streamed), path),
-        )
+        compute("studies.stream", missing, args.jobs, args.minutes, write_record)
         cells = _cells(pieces)
         if len(cells) < len(pieces):
             return refuse_too_short("stream", "batch of every cell")
@@ -93,13 +88,13 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _pieces(args: argparse.Namespace) -> dict[Place, list[Piece[Streamed]]]:
+def _pieces(args: argparse.Namespace) -> dict[Place, list[Piece[Record]]]:
     """Return the batches of each cell."""
     folder = args.records / f"{digest('stream')}-{args.seed}"
     places = [
         (rover, soil, spread) for rover in ROVERS for soil in SOILS for spread in (0.0, WRONG)
     ]
-    found: dict[Place, list[Piece[Streamed]]] = {}
+    found: dict[Place, list[Piece[Record]]] = {}
     for index, place in enumerate(places):
         rover, soil, spread = place
         if rover in args.rover and soil in args.soil:
@@ -108,27 +103,25 @@ def _pieces(args: argparse.Namespace) -> dict[Place, list[Piece[Streamed]]]:
                 args.seed + 1000 * index,
             )
             found[place] = [
-                Piece(partial(_every_row, place, first + k), folder / f"{name}-{k}.npz")
+                Piece(partial(_batch, place, BATCH, first + k), folder / f"{name}-{k}.npz")
                 for k in range(args.batches)
             ]
     return found
 
 
-def _every_row(place: Place, seed: int) -> Streamed:
-    return stream_cell(*place, BATCH, seed, TIMES_S)[EVERY_ROW]
+def _batch(place: Place, drives: int, seed: int) -> Record:
+    found = stream_cell(*place, drives, seed, TIMES_S, tuple(CONFIGS))
+    return record_of(found, whole=(EVERY_ROW,))
 
 
-def _cells(pieces: dict[Place, list[Piece[Streamed]]]) -> list[StreamCell]:
+def _cells(pieces: dict[Place, list[Piece[Record]]]) -> list[StreamCell]:
     """Return the cells, each from its batches that are done."""
     cells = []
     for (rover, soil, spread), of_cell in pieces.items():
-        done = [
-            Streamed(**arrays)
-            for arrays in map(read_record, (piece.path for piece in of_cell))
-            if arrays
-        ]
-        if done:
-            cells.append(score(rover, load_model(rover).model_id, soil, spread, joined(done)))
+        records = [record for piece in of_cell if (record := read_record(piece.path))]
+        if records:
+            found = {rows: joined(streamed_of(each, rows) for each in records) for rows in CONFIGS}
+            cells.append(score(rover, load_model(rover).model_id, soil, spread, found))
     return cells
 
 

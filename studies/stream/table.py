@@ -3,6 +3,7 @@
 """The figures and the page of ``make stream``."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.stats import norm
 
 from studies.accuracy.scores import share_of
 from studies.limited import Limited
-from studies.stream.drives import Streamed
+from studies.stream.drives import EVERY_ROW, Streamed
 from studies.stream.scores import StrengthScore, strength_score
 from studies.stream.targets import FEWEST, TARGETS, worst_of
 from studies.tables import licence, table
@@ -46,35 +47,50 @@ class SoilScore:
 
 
 @dataclass(frozen=True, slots=True)
+class RowsScore:
+    """c and tan phi with one set of rows."""
+
+    rows: str
+    refused: float  # share of observations
+    cohesion: StrengthScore
+    tan_phi: StrengthScore
+
+
+@dataclass(frozen=True, slots=True)
 class StreamCell:
-    """One line of the tables."""
+    """One rover on one soil; forecasts and the soil are those with every row."""
 
     rover: str
     model: str
     soil: str
     spread: float
     drives: int
-    refused: float  # share of observations
-    cohesion: StrengthScore
-    tan_phi: StrengthScore
+    strength: tuple[RowsScore, ...]
     early: Forecasts
     settled: Forecasts
     soil_found: SoilScore
 
 
-def score(rover: str, model: str, soil: str, spread: float, streamed: Streamed) -> StreamCell:
-    """Return the figures of these drives."""
-    cohesion, tan_phi = (strength_score(streamed, -1, k) for k in range(2))
+def score(
+    rover: str, model: str, soil: str, spread: float, found: Mapping[str, Streamed]
+) -> StreamCell:
+    """Return the figures of these drives with each set of rows."""
+    strength = tuple(_with_rows(rows, streamed) for rows, streamed in found.items())
+    streamed = found[EVERY_ROW]
     border = round(SETTLED_S / TIME_STEP)
     parts = (slice(None, border), slice(border, None))
     early, settled = (
         _forecasts(streamed.innovation[:, part], streamed.variance[:, part]) for part in parts
     )
-    refused = float(streamed.refused.sum() / streamed.observations.sum())
     return StreamCell(
-        rover, model, soil, spread, len(streamed.truth), refused, cohesion, tan_phi, early, settled,
-        _soil(streamed),
-    )  # fmt: skip
+        rover, model, soil, spread, len(streamed.truth), strength, early, settled, _soil(streamed)
+    )
+
+
+def _with_rows(rows: str, streamed: Streamed) -> RowsScore:
+    cohesion, tan_phi = (strength_score(streamed, -1, k) for k in range(2))
+    refused = float(streamed.refused.sum() / streamed.observations.sum())
+    return RowsScore(rows, refused, cohesion, tan_phi)
 
 
 def _soil(streamed: Streamed) -> SoilScore:
@@ -110,14 +126,16 @@ How accurate are the estimates of the node's own estimator with default paramete
 velocity predictions calibrated? The drives are simulated, over hills (S1), seed {seed}:
 {drives} drives of 40 s for each rover, soil and kind of constants.
 
-- Every row is used, that of the accelerometer too. Observations are screened and gated, and the
-  published covariance is inflated where the ground may have changed.
+- Rows: v velocity, L load, M wheel torques; "all" has the moment balances and the accelerometer,
+  too, as with the node's default parameters. Predictions and soils are those with all.
+- Observations are screened and gated, and the published covariance is inflated where the ground may
+  have changed.
 - The models are {models}. They have to find the soil among three.
 - Truth is from the prior: c (2.75 ± 1.3 kPa) and tan phi (0.6 ± 0.22), both above zero. "5 %":
   each of the six soil constants is wrong by up to 5 %, independently. A drive ends at its first
   stuck second.
-- [accuracy.md](accuracy.md) judges each set of rows, in batches that bypass screening, gates and
-  inflation; [long_drives.md](long_drives.md) judges minutes and an hour.
+- [accuracy.md](accuracy.md) judges velocity alone and other drives, in batches that bypass
+  screening, gates and inflation; [long_drives.md](long_drives.md) judges minutes and an hour.
 
 ## Targets
 
@@ -186,8 +204,11 @@ def page(cells: list[StreamCell], measured: str, seed: int) -> str:
         for cell in cells
     ]
     every = table(("what", "target", "found", "cell", "met"), target_lines(cells))
-    every += ERRORS + table((*place, *_both(ERROR_COLUMNS), "refused %"), map(_errors, cells))
-    every += INTERVALS + table((*place, *_both(INTERVAL_COLUMNS)), map(_intervals, cells))
+    lines = [(cell, each) for cell in cells for each in cell.strength]
+    head = (*place, "rows", *_both(ERROR_COLUMNS), "refused %")
+    every += ERRORS + table(head, (_errors(*line) for line in lines))
+    head = (*place, "rows", *_both(INTERVAL_COLUMNS))
+    every += INTERVALS + table(head, (_intervals(*line) for line in lines))
     every += FORECAST + table((*place, *names, "93 to 97 %"), velocity) + WHY
     found = [[*_place(cell), *_soils([cell])] for cell in cells]
     found.append(["all", "", "", str(sum(cell.drives for cell in cells)), *_soils(cells)])
@@ -198,9 +219,10 @@ def page(cells: list[StreamCell], measured: str, seed: int) -> str:
 def target_lines(cells: list[StreamCell]) -> list[list[str]]:
     """Return what is wanted, the cell that is farthest off, and whether all cells are met."""
     scores = [
-        (f"{name}, {' '.join(_place(cell)[:3])}", each)
+        (f"{name}, {' '.join(_place(cell)[:3])}, {each.rows}", parameter)
         for cell in cells
-        for name, each in (("c", cell.cohesion), ("tan phi", cell.tan_phi))
+        for each in cell.strength
+        for name, parameter in (("c", each.cohesion), ("tan phi", each.tan_phi))
     ]
     lines = []
     for target in TARGETS:
@@ -246,20 +268,20 @@ def _both(columns: tuple[str, ...]) -> list[str]:
     return [f"{name} {column}" for name in ("c", "tan phi") for column in columns]
 
 
-def _errors(cell: StreamCell) -> list[str]:
+def _errors(cell: StreamCell, found: RowsScore) -> list[str]:
     texts = []
-    for each in (cell.cohesion, cell.tan_phi):
+    for each in (found.cohesion, found.tan_phi):
         texts.append(f"{_percent(each.median_error)} / {_percent(each.p90_error)}")
         texts += [_percent(each.bound), limited(each.of_bound, 2)]
-    return [*_place(cell), *texts, f"{100.0 * cell.refused:.2f}"]
+    return [*_place(cell), found.rows, *texts, f"{100.0 * found.refused:.2f}"]
 
 
-def _intervals(cell: StreamCell) -> list[str]:
+def _intervals(cell: StreamCell, found: RowsScore) -> list[str]:
     texts = []
-    for each in (cell.cohesion, cell.tan_phi):
+    for each in (found.cohesion, found.tan_phi):
         texts += [share(each.inside_95), share(each.inside_68), limited(each.shift, 2)]
         texts += [_percent(each.identified), _of_known(each)]
-    return [*_place(cell), *texts]
+    return [*_place(cell), found.rows, *texts]
 
 
 def _of_known(score: StrengthScore) -> str:

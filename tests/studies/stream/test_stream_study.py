@@ -69,7 +69,7 @@ def test_the_page_names_model_and_drives_and_what_is_kept_is_not_computed_again(
         f"{DRIVES} drives of 40 s",
         "paper_rover-",
         "mars_rover-",
-        "| mars | loose | 5 % | 2 |",
+        *(f"| mars | loose | 5 % | 2 | {rows} |" for rows in ("v+L", "v+L+M", "all")),
         f"| all |  |  | {4 * DRIVES} |",
     ):
         assert text in page
@@ -90,7 +90,7 @@ def test_each_drive_counts_once_when_its_soil_is_first_neither_sure_nor_unlikely
         nothing + 1.0, at_end + 1.0, at_end + 1.0, at_end, at_end, count, at_end + 1.0,
         np.ones((3, 100)), np.ones((3, 100)), probability, right, count, count,
     )  # fmt: skip
-    found = score("mars_rover", "mars_rover-1", "loose_sand", 0.0, streamed).soil_found
+    found = score("mars_rover", "mars_rover-1", "loose_sand", 0.0, {"all": streamed}).soil_found
     assert (found.drives, found.right) == (2, 1)
     assert found.probability == pytest.approx(0.5 * (0.9 + 0.93))
 
