@@ -1,10 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What stands beside the contact law: a classical formula, and polynomials without any physics."""
+"""What stands beside the fitted law: formulas without a fit, and polynomials without physics."""
 
 import numpy as np
 
-from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells
+from terrain_estimator.discovery.hypotheses.library import NOTHING
+from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig
+from terrain_estimator.discovery.single_wheel.fit import STRENGTH, WheelModel
+from terrain_estimator.model.rows import PA_PER_UNIT
 from terrain_estimator.observation import Floats
 from terramechanics.terrain.soil import Soil
 
@@ -39,6 +42,20 @@ def bekker(cells: Cells, soil: Soil, radius: float, width: float) -> Floats:
     ):
         rows[straight, ROWS.index(name)] = values[straight]
     return rows
+
+
+def kernel(cells: Cells, bed: Rig) -> Floats:
+    """Return the rows [B, R] by the Bekker-Wong kernel, without any fit.
+
+    Wong and Reece's stresses (1967) under a rigid wheel with Bekker's pressure and Janosi's shear
+    at each place of the contact, which carry the load: the contact law itself with c, tan phi and
+    all constants as measured, sensors without errors, and no effect.
+    """
+    model = WheelModel(bed, NOTHING, NOTHING)
+    values = model.start()
+    measured = (bed.soil.cohesion / PA_PER_UNIT, bed.soil.tan_phi)
+    values[:2] = [(x - mean) / sd for x, (mean, sd) in zip(measured, STRENGTH, strict=True)]
+    return model.of(cells, values)
 
 
 def polynomial(fitted: Cells, wanted: Cells, terms: int) -> Floats:

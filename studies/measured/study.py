@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from studies.measured.cases import Case
-from studies.measured.references import bekker, left_out_polynomial, polynomial
+from studies.measured.references import bekker, kernel, left_out_polynomial, polynomial
 from terrain_estimator.discovery.evidence.verdict import Verdict
 from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis, together
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig, cells_of
@@ -22,8 +22,10 @@ from terrain_estimator.discovery.single_wheel.investigation import (
 from terrain_estimator.discovery.single_wheel.law_fits import LawFits, law_fits
 from terrain_estimator.observation import Floats
 
-WAYS = ("before", "after", "bekker", "polynomial")
+WAYS = ("before", "after", "kernel", "bekker", "polynomial")
 SIDEWAYS = "lateral_bulldozing"
+DRIVING = 0.1
+"""[1] Slip from which a drawbar pull is large enough for a relative error."""
 
 Errors = dict[str, dict[str, float | None]]
 """Root mean square errors in SI units, by way and row; None where there is no prediction."""
@@ -42,6 +44,7 @@ class CaseResult:
     described: bool
     probabilities: dict[str, float]
     rows: Errors  # on settings that were held out
+    pull_shares: dict[str, float | None]  # by way, see pull_share
     fits: LawFits
     shear_box: tuple[float, float] | None
 
@@ -73,6 +76,7 @@ def study(case: Case, seed: int) -> CaseResult:
     errors = {
         "before": held_out.before,
         "after": held_out.after,
+        "kernel": own.measured.numpy() - kernel(own, bed),
         "bekker": own.measured.numpy() - _bekker(own, bed),
         "polynomial": own.measured.numpy() - left_out_polynomial(cells, terms),
     }
@@ -87,6 +91,7 @@ def study(case: Case, seed: int) -> CaseResult:
         held_out.described,
         judgement.probabilities,
         _by_row(errors, own),
+        {way: pull_share(each, own) for way, each in errors.items()},
         fits,
         case.laboratory.shear_box,
     )
@@ -121,6 +126,7 @@ def held_out_wheels(case: Case, found: CaseResult) -> list[WheelResult]:
             errors = {
                 "before": missed[0],
                 "after": missed[1] if len(missed) > 1 else None,
+                "kernel": measured - kernel(wanted, bed),
                 "bekker": measured - _bekker(wanted, bed),
                 "polynomial": measured - polynomial(fitted, wanted, terms),
             }
@@ -151,6 +157,17 @@ def _by_row(errors: dict[str, Floats | None], cells: Cells) -> Errors:
 def _rms(errors: Floats) -> float | None:
     known = errors[np.isfinite(errors)]
     return float(np.sqrt((known**2).mean())) if known.size else None
+
+
+def pull_share(errors: Floats | None, cells: Cells) -> float | None:
+    """Return the median of the drawbar pull's error over its size, slips from DRIVING; or None."""
+    if errors is None:
+        return None
+    row = ROWS.index("drawbar_pull")
+    measured = cells.measured[:, row].numpy()
+    share = np.abs(errors[:, row] / measured)[cells.slip.numpy() >= DRIVING]
+    known = share[np.isfinite(share)]
+    return float(np.median(known)) if known.size else None
 
 
 def _silent(share: float, note: str) -> None:

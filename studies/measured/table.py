@@ -50,10 +50,15 @@ Root mean square errors. Each setting is held out in turn.
 
 - **before**: the contact law, with effects that the reference alone lacks.
 - **after**: with the effect that is named; "-" where none is.
-- **Bekker**: Bekker's sinkage and resistance of a rigid wheel with Janosi's thrust, the measured
-  constants, c and tan phi, and no fit. For CMU those are mostly assumed.
+- **kernel**: the Bekker-Wong kernel, which is the contact law with the measured constants, c and
+  tan phi, and no fit. For CMU those are mostly assumed.
+- **Bekker**: Bekker's sinkage and resistance of a rigid wheel with Janosi's thrust, of the same
+  constants.
 - **polynomial**: one for each row in slip and slip angle, fitted to the other settings of the same
   table, with as many coefficients in all as the law has free numbers, but fewer than settings.
+
+"""
+SHARES = """The same as shares: median of the drawbar pull's error over its size, at slips from 0.1.
 
 """
 WHEELS = """## Errors on wheels that were held out
@@ -110,6 +115,8 @@ def page(run: MeasuredRun) -> str:
             ),
             "\n" + HELD_OUT,
             _errors([(each.title, each.rows) for each in run.cases]),
+            "\n" + SHARES,
+            _shares(run.cases),
             "\n" + WHEELS,
             _errors([(each.title, each.rows) for each in run.wheels]),
             "\n" + FREE,
@@ -146,6 +153,15 @@ def _errors(
     ]
     head = ("tables", "row", *(_HEADS.get(way, way) for way in WAYS))
     return table(head, lines)
+
+
+def _shares(cases: Sequence[CaseResult]) -> str:
+    lines = [(each.title, *(_percent(each.pull_shares[way]) for way in WAYS)) for each in cases]
+    return table(("tables", *(_HEADS.get(way, way) for way in WAYS)), lines)
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100.0 * share:.0f} %"
 
 
 def _free(cases: Sequence[CaseResult]) -> str:

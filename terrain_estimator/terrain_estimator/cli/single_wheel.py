@@ -80,7 +80,12 @@ def main(arguments: list[str] | None = None) -> int:
             _soil(options.soil, wheel.width),
             constants_sd(options.constants_sd),
             (options.sinkage_sd, options.pull_sd, options.lateral_sd, options.torque_sd),
-            (DATUM_SD, options.pull_offset_sd, 0.0, options.torque_offset_sd),
+            (
+                DATUM_SD,
+                options.pull_offset_sd,
+                options.lateral_offset_sd,
+                options.torque_offset_sd,
+            ),
             tuple(reading.get(name, 0.0) for name in ROWS),
             reading.get("slip", 0.0),
             (0.0, 0.0, 0.0, options.torque_constant_sd if options.torque_constant else 0.0),

@@ -184,7 +184,7 @@ def _add_deviations(parser: argparse.ArgumentParser) -> None:
         default=0.1,
         help="relative deviation of --torque-constant, which is then free (default: %(default)s)",
     )
-    for name, unit in (("pull", "N"), ("torque", "N m")):
+    for name, unit in (("pull", "N"), ("lateral", "N"), ("torque", "N m")):
         parser.add_argument(
             f"--{name}-offset-sd",
             type=float,
@@ -198,7 +198,7 @@ def _add_deviations(parser: argparse.ArgumentParser) -> None:
 
 def check_options(options: argparse.Namespace) -> None:
     """Raise ConfigError for an invalid deviation or angle."""
-    for name in ("pull_offset_sd", "torque_offset_sd"):
+    for name in ("pull_offset_sd", "lateral_offset_sd", "torque_offset_sd"):
         if not 0.0 <= getattr(options, name) < math.inf:
             raise ConfigError(
                 f"--{name.replace('_', '-')} {getattr(options, name):g}: a standard deviation is"

@@ -3,13 +3,16 @@
 """The study of measured wheels: its references, one of its cases and its page."""
 
 import math
+from collections.abc import Callable
 
+import numpy as np
 import pytest
 import torch
+from scipy.integrate import quad
 
 from studies.measured.cases import CASES, HIT, MEASURED
-from studies.measured.references import bekker, left_out_polynomial, polynomial
-from studies.measured.study import WAYS, study
+from studies.measured.references import bekker, kernel, left_out_polynomial, polynomial
+from studies.measured.study import WAYS, pull_share, study
 from studies.measured.table import MeasuredRun, page
 from studies.measured.worlds import WORLDS, world
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Row, cells_of
@@ -37,6 +40,46 @@ def test_bekker_s_sinkage_carries_the_load_and_its_forces_are_in_balance() -> No
     strength = length * width * soil.cohesion + 80.0 * soil.tan_phi
     assert found[PULL] + resistance == pytest.approx(strength * mobilised / slices, rel=1e-6)
     assert math.isnan(found[LATERAL])
+
+
+def test_the_kernel_carries_the_load_by_the_stresses_of_wong_and_reece() -> None:
+    """Their integrals by SciPy, at the sinkage that the study finds."""
+    bed = HIT.bed()
+    soil, r, b, slip = bed.soil, bed.rover.wheel_radius, bed.rover.wheel_width, 0.3
+    row = Row("t", "1", slip, 80.0, 0.1, 0.01, 0.0, torque=0.0)
+    found = kernel(cells_of([row]), bed)[0]
+    entry = math.acos(1.0 - found[SINKAGE] / r)
+    largest = (soil.c1 + soil.c2 * slip) * entry
+    stiffness = soil.k_c / b + soil.k_phi
+
+    def normal(angle: float) -> float:
+        mirrored = angle if angle > largest else entry - angle / largest * (entry - largest)
+        return stiffness * (r * (math.cos(mirrored) - math.cos(entry))) ** soil.n
+
+    def shear(angle: float) -> float:
+        shift = r * (entry - angle - (1.0 - slip) * (math.sin(entry) - math.sin(angle)))
+        mobilised = 1.0 - math.exp(-shift / soil.shear_modulus)
+        return (soil.cohesion + normal(angle) * soil.tan_phi) * mobilised
+
+    def total(stress: Callable[[float], float]) -> float:
+        return r * b * quad(stress, 0.0, entry, points=[largest], epsabs=1e-9)[0]
+
+    cos, sin = math.cos, math.sin
+    assert total(lambda x: normal(x) * cos(x) + shear(x) * sin(x)) == pytest.approx(80.0, rel=1e-4)
+    pull = total(lambda x: shear(x) * cos(x) - normal(x) * sin(x))
+    assert found[PULL] == pytest.approx(pull, rel=1e-3)
+    assert found[TORQUE] == pytest.approx(r * total(shear), rel=1e-3)
+
+
+def test_the_share_of_the_pull_is_a_median_over_driving_slips() -> None:
+    cells = cells_of(
+        [Row("t", "1", slip, 80.0, 0.1, 0.01, pull) for slip, pull in ((0.0, 1.0), (0.2, 4.0))]
+        + [Row("t", "2", slip, 80.0, 0.1, 0.01, 10.0) for slip in (0.4, 0.6)]
+    )
+    errors = np.zeros((4, len(ROWS)))
+    errors[:, PULL] = (9.0, -2.0, 1.0, 3.0)
+    assert pull_share(errors, cells) == pytest.approx(0.3)  # of 50, 10 and 30 %
+    assert pull_share(None, cells) is None
 
 
 def test_a_polynomial_of_enough_terms_meets_settings_that_it_was_not_fitted_to() -> None:

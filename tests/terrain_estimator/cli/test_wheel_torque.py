@@ -202,6 +202,7 @@ def test_a_wrong_zero_is_a_model_error_unless_it_is_free(tmp_path: Path) -> None
         ("--constants-sd", "0.2,kk=0.1", "--constants-sd 'kk=0.1': unknown name"),
         ("--constants-sd", "0.2,n=0", "--constants-sd 0: the deviation of n must be above zero"),
         ("--reading-sd", "pull=0.5", "--reading-sd 'pull=0.5': unknown name"),
+        ("--lateral-offset-sd", "-1", "--lateral-offset-sd -1: a standard deviation is not"),
         ("--reading-sd", "slip=-1", "--reading-sd slip=-1: a standard deviation is not negative"),
         ("--slip-radius", "lug", "hit_wheel.yaml has no lug_height"),
     ],

@@ -2,13 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rows of a testbed's cells for many parameters at once."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
 
 from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis
-from terrain_estimator.discovery.single_wheel.cells import Cells, Rig, Row, cells_of, wheel_alone
-from terrain_estimator.discovery.single_wheel.fit import WheelModel
+from terrain_estimator.discovery.single_wheel.cells import (
+    ROWS,
+    Cells,
+    Rig,
+    Row,
+    cells_of,
+    wheel_alone,
+)
+from terrain_estimator.discovery.single_wheel.fit import WheelModel, explain
 from terrain_estimator.discovery.single_wheel.investigation import (
     competing,
     of_one_wheel,
@@ -73,3 +82,21 @@ def test_the_rows_do_not_depend_on_what_was_asked_before() -> None:
     model.of(every, values + 0.5)
     assert model.of(every, values) == pytest.approx(first, rel=1e-9, abs=1e-12)
     assert torch.isfinite(torch.from_numpy(first)).all()
+
+
+def test_a_zero_of_the_lateral_force_that_is_free_is_found() -> None:
+    """2 N besides what the model shows; one deviation of the zero is 2 N, repeatability 0.1 N."""
+    free = dataclasses.replace(
+        RIG, repeatability=(1e-3, 1.0, 0.1, 0.1), offset_sd=(0.0, 0.0, 2.0, 0.0)
+    )
+    every = cells()
+    model = WheelModel(free, NOTHING, NOTHING)
+    rows = torch.from_numpy(model.of(every, model.start()))
+    rows[:, ROWS.index("lateral_force")] += 2.0
+    found = explain(model, dataclasses.replace(every, measured=rows))
+    [place] = [
+        k for k, each in enumerate(free.sensor_errors) if each.name == "zero of lateral_force"
+    ]
+    zero = model.own - len(free.sensor_errors) + place
+    assert found.values[zero] == pytest.approx(1.0, abs=0.1)
+    assert found.covariance[zero, zero] < 0.1
