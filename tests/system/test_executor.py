@@ -113,6 +113,25 @@ def test_while_a_service_awaits_something_messages_are_served(
     assert future.result().message == "done"
 
 
+def test_messages_that_wait_on_all_topics_are_served_without_another_wait(
+    made: Made, listener: Listener
+) -> None:
+    node, executor = made
+    words: list[str] = []
+    for topic in ("one", "other"):
+        node.create_subscription(String, topic, into(words), 10)
+    outputs = [listener.node.create_publisher(String, topic, 10) for topic in ("one", "other")]
+    served(executor, listener, lambda: all(each.get_subscription_count() for each in outputs))
+    for number in range(3):
+        for output in outputs:
+            output.publish(String(data=f"{output.topic_name} {number}"))
+    time.sleep(0.2)  # so that all of them are there
+    while not words:
+        executor.spin_once(0.1)
+    assert len(words) == 6
+    assert [each for each in words if "other" in each] == [f"/other {n}" for n in range(3)]
+
+
 def test_a_callback_that_raises_costs_no_other_message(made: Made, listener: Listener) -> None:
     node, executor = made
     taken: list[str] = []
