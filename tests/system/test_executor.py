@@ -132,6 +132,35 @@ def test_messages_that_wait_on_all_topics_are_served_without_another_wait(
     assert [each for each in words if "other" in each] == [f"/other {n}" for n in range(3)]
 
 
+def test_no_topic_gets_ahead_of_one_whose_message_comes_meanwhile(
+    made: Made, listener: Listener
+) -> None:
+    node, executor = made
+    words: list[str] = []
+    other = listener.node.create_publisher(String, "other", 10)
+
+    def first(message: String) -> None:
+        if not words:
+            other.publish(String(data="other"))
+            time.sleep(0.2)  # so that it is there
+        words.append(message.data)
+
+    node.create_subscription(String, "one", first, 10)
+    node.create_subscription(String, "other", into(words), 10)
+    one = listener.node.create_publisher(String, "one", 10)
+    served(
+        executor,
+        listener,
+        lambda: one.get_subscription_count() and other.get_subscription_count(),
+    )
+    for word in ("a", "b", "c"):
+        one.publish(String(data=word))
+    time.sleep(0.2)  # so that all of them are there
+    while not words:
+        executor.spin_once(0.1)
+    assert words == ["a", "b", "other", "c"]
+
+
 def test_a_callback_that_raises_costs_no_other_message(made: Made, listener: Listener) -> None:
     node, executor = made
     taken: list[str] = []

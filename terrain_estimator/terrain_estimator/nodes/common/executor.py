@@ -41,8 +41,8 @@ class MessageExecutor(SingleThreadedExecutor):
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait at most ``timeout_sec`` [s] (None: without end) and serve what is ready.
 
-        Messages that came meanwhile on all of the same topics are served, too, without another
-        wait. Raises what a callback raises; what else was ready is served by the next call.
+        While a topic has another message, one of every topic is served without another wait.
+        Raises what a callback raises; what else was ready is served by the next call.
         """
         # coroutines that await something: rclpy's executor takes their steps
         if any(not task.done() for task, _, _ in self._tasks):
@@ -56,13 +56,20 @@ class MessageExecutor(SingleThreadedExecutor):
             take_message(subscription)
         # to ask in vain costs a twentieth of a wait
         for _ in range(ROUNDS if messages else 0):
-            if not all(map(take_message, messages)):
+            if not take_message(messages[0]):
                 break
+            # every topic: none may get ahead of those with which its messages are paired
+            for subscription in self._subscriptions():
+                if subscription is not messages[0]:
+                    take_message(subscription)
+
+    def _subscriptions(self) -> list[Subscription]:
+        return [each for node in self.get_nodes() for each in node.subscriptions]
 
     def _ready(self, timeout_ns: int) -> tuple[list[Subscription], bool]:
         """Wait; return the subscriptions with a message, and whether anything else is ready."""
         nodes = self.get_nodes()
-        subscriptions = [each for node in nodes for each in node.subscriptions]
+        subscriptions = self._subscriptions()
         guards = [each for node in nodes for each in node.guards]
         timers = [each for node in nodes for each in node.timers]
         clients = [each for node in nodes for each in node.clients]
