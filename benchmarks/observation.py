@@ -19,8 +19,8 @@ from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.numpy_training import Floats
 from rover_sim_node.config import FOLLOW, SimulatorConfig
 from rover_sim_node.turning_run import TurningRun
-from terrain_estimator.compiled.finding import load
-from terrain_estimator.compiled.folder import build_core, wide_flags, write_core
+from terrain_estimator.compiled.finding import ends_here, load
+from terrain_estimator.compiled.folder import build_core, flags_by_end, write_core
 from terrain_estimator.config.estimator import COMPILED, EstimatorConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.by_wheel import build_model_by_wheel
@@ -87,7 +87,8 @@ def by_wheel(effort: Effort) -> Iterator[BenchmarkLine]:
         export(model, rover, [soil], Training(0, 0, 0.0, torch.__version__), path, places)
         reference, core = load_model(str(path)), Path(folder) / "core"
         write_core(path, core)
-        build_core(core, path.with_suffix(".so"), *wide_flags())
+        end = ends_here()[0]
+        build_core(core, path.with_suffix(end), *flags_by_end()[end])
         run = TurningRun(
             SimulatorConfig(
                 rover=rover.name, steering="all_wheels", schedule=FOLLOW, profile="hills"

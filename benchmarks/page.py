@@ -44,18 +44,23 @@ hypothesis is expanded at 21 points around its place. A third of its instruction
 over the contact, the rest are small matrices and the start of many small operations on them.
 Around the core, Python screens, judges and sums up: on a machine half as fast, 45 us an
 observation, and 400 us where a block closes. Half of these 400 us are waits for memory: the core
-has filled the cache with its own numbers by then.
+has filled the cache with its own numbers by then. No single part of Python takes more than 12 us of
+a closing.
 
 TorchScript spends its time on the dispatch of small operations, not on their arithmetic: an update
 calls hundreds of torch's operators, one that closes a block thousands, and each call takes a
 microsecond or more. `torch.profiler` counts them.
 
-Around the estimate, the node's time goes to rclpy: turning bytes into messages, and waiting.
+Around the estimate, the node's time goes to rclpy: turning bytes into messages, and waiting. Of the
+500 us that a set of five messages takes in a backlog, rclpy needs 140 to take them. It makes a
+default of every part before it fills the part, four quaternions for the one of an odometry. The
+conversion takes 50, the estimator 100. A node that answers without estimating takes 360 in all.
+
 rclpy's executor builds its wait set anew for every wake-up, from each service, timer and event.
 The nodes have an executor of their own (`nodes/common/executor.py`), which serves messages without
-that and leaves all else to rclpy's. With it the node's main thread took 29 ms a second at 10 Hz
-instead of 35, on a loaded machine. rclpy's EventsExecutor is not used, for two reasons in this
-release:
+that and leaves all else to rclpy's. Messages that came meanwhile are served without another wait:
+a wait takes 60 us. The node's main thread took 29 ms a second at 10 Hz with it instead of 35, on a
+loaded machine. rclpy's EventsExecutor is not used, for two reasons in this release:
 
 - An exception in one of rclpy's own callbacks, as at a /clock before zero, ends the process
   (ros2/rclpy#1641).

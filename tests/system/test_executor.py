@@ -113,6 +113,54 @@ def test_while_a_service_awaits_something_messages_are_served(
     assert future.result().message == "done"
 
 
+def test_messages_that_wait_on_all_topics_are_served_without_another_wait(
+    made: Made, listener: Listener
+) -> None:
+    node, executor = made
+    words: list[str] = []
+    for topic in ("one", "other"):
+        node.create_subscription(String, topic, into(words), 10)
+    outputs = [listener.node.create_publisher(String, topic, 10) for topic in ("one", "other")]
+    served(executor, listener, lambda: all(each.get_subscription_count() for each in outputs))
+    for number in range(3):
+        for output in outputs:
+            output.publish(String(data=f"{output.topic_name} {number}"))
+    time.sleep(0.2)  # so that all of them are there
+    while not words:
+        executor.spin_once(0.1)
+    assert len(words) == 6
+    assert [each for each in words if "other" in each] == [f"/other {n}" for n in range(3)]
+
+
+def test_no_topic_gets_ahead_of_one_whose_message_comes_meanwhile(
+    made: Made, listener: Listener
+) -> None:
+    node, executor = made
+    words: list[str] = []
+    other = listener.node.create_publisher(String, "other", 10)
+
+    def first(message: String) -> None:
+        if not words:
+            other.publish(String(data="other"))
+            time.sleep(0.2)  # so that it is there
+        words.append(message.data)
+
+    node.create_subscription(String, "one", first, 10)
+    node.create_subscription(String, "other", into(words), 10)
+    one = listener.node.create_publisher(String, "one", 10)
+    served(
+        executor,
+        listener,
+        lambda: one.get_subscription_count() and other.get_subscription_count(),
+    )
+    for word in ("a", "b", "c"):
+        one.publish(String(data=word))
+    time.sleep(0.2)  # so that all of them are there
+    while not words:
+        executor.spin_once(0.1)
+    assert words == ["a", "b", "other", "c"]
+
+
 def test_a_callback_that_raises_costs_no_other_message(made: Made, listener: Listener) -> None:
     node, executor = made
     taken: list[str] = []

@@ -12,8 +12,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from terrain_estimator.compiled.finding import WIDE
-from terrain_estimator.compiled.folder import BuildError, build_core, wide_flags, write_core
+from terrain_estimator.compiled.folder import BuildError, build_core, flags_by_end, write_core
 from terrain_estimator.compiled.graphs import UntranslatableError
 from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
@@ -48,9 +47,8 @@ def main(argv: list[str] | None = None) -> int:
         )
         if args.build:
             shutil.copyfile(statics, model.with_name(statics.name))
-            build_core(args.folder, model.with_suffix(".so"))
-            if wide := wide_flags():
-                build_core(args.folder, model.with_suffix(WIDE), *wide)
+            for end, flags in flags_by_end().items():
+                build_core(args.folder, model.with_suffix(end), *flags)
     except (ModelFileError, UntranslatableError, BuildError, OSError) as error:
         return _refuse(str(error))
     print(f"{args.folder}: {model.name} as C++")

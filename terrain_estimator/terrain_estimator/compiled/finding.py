@@ -16,8 +16,11 @@ from terrain_estimator.model.metadata import checked_bytes, model_path, read_met
 
 MOST_DIFFERENCE = 1e-9
 """[posterior deviations] Difference to TorchScript beyond which a core is not used."""
-WIDE = ".avx2.so"
-"""How the name of a library for wider registers ends."""
+PLAIN = ".so"
+"""How the name of a library for any processor of a kind ends."""
+WIDE = {".avx512.so": ("avx512f", "avx512dq", "avx512vl"), ".avx2.so": ("avx2",)}
+"""How the names of libraries for wider registers end, the widest first, and what a processor needs
+for them, as Linux and compilers call it."""
 
 
 def find_core(model: Path, sha256: str) -> CompiledModel:
@@ -64,21 +67,24 @@ def core_folders(model: Path) -> list[Path]:
     return [model.parent, *(Path(p) / "lib" / "terrain_core" for p in prefixes if p)]
 
 
+def ends_here() -> list[str]:
+    """Return how the names of libraries for this processor end, those for wider registers first."""
+    try:
+        cpuinfo = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        cpuinfo = ""
+    has = set(cpuinfo.split())
+    return [*(end for end, needed in WIDE.items() if has.issuperset(needed)), PLAIN]
+
+
 def _candidates(model: Path) -> Iterator[Path]:
     """Yield the libraries that may belong to a model, the faster ones first."""
-    ends = (WIDE, ".so") if _has_avx2() else (".so",)
+    ends = ends_here()
     for folder in core_folders(model):
         for end in ends:
             path = folder / (model.stem + end)
             if path.is_file():
                 yield path
-
-
-def _has_avx2() -> bool:
-    try:
-        return " avx2 " in Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace")
-    except OSError:
-        return False
 
 
 class Chosen(NamedTuple):

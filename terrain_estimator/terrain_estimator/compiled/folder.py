@@ -8,6 +8,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+from terrain_estimator.compiled.finding import PLAIN, WIDE
 from terrain_estimator.compiled.readme import readme
 from terrain_estimator.compiled.source import cpp_of
 from terrain_estimator.model.metadata import read_metadata
@@ -69,6 +70,16 @@ def build_core(folder: Path, library: Path, *extra: str) -> None:
     made.replace(library)
 
 
-def wide_flags() -> tuple[str, ...]:
-    """Return flags for this kind of processor's wider registers; the bytes are the same."""
-    return ("-mavx2",) if platform.machine() == "x86_64" else ()
+def flags_by_end() -> dict[str, tuple[str, ...]]:
+    """Return more flags for each library of this kind of processor, by how its name ends.
+
+    All of them give the same bytes, in registers of another width.
+    """
+    if platform.machine() != "x86_64":
+        return {PLAIN: ()}
+    # compilers take half of the widest registers, unless they are told to take all
+    wide = {
+        end: (*(f"-m{each}" for each in needed), "-mprefer-vector-width=512")
+        for end, needed in WIDE.items()
+    }
+    return {PLAIN: (), **wide}

@@ -90,8 +90,7 @@ class _Notes:
     texts: list[str] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True)
-class _Signal:
+class _Signal(NamedTuple):
     """One measured quantity of all wheels, as a message carries it."""
 
     topic: str

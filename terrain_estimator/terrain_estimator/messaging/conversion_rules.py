@@ -63,9 +63,12 @@ def usable(
     it; an average would hide it. Where no wheel is left, all are returned, so that the screening
     reports the reason.
     """
-    finite = [at for at in group if math.isfinite(values[at])]
-    possible = [at for at in finite if is_possible(values[at], deviations[at], bounds)]
-    return possible or finite or list(group)
+    possible = [
+        at
+        for at in group
+        if math.isfinite(values[at]) and is_possible(values[at], deviations[at], bounds)
+    ]
+    return possible or [at for at in group if math.isfinite(values[at])] or list(group)
 
 
 def mean_deviation(deviations: Sequence[float]) -> float:

@@ -14,7 +14,7 @@ import torch
 
 from terrain_estimator.cli import export_core
 from terrain_estimator.compiled.core import CompiledModel, CoreError
-from terrain_estimator.compiled.finding import MOST_DIFFERENCE, WIDE, find_core
+from terrain_estimator.compiled.finding import MOST_DIFFERENCE, PLAIN, WIDE, ends_here, find_core
 from terrain_estimator.compiled.fixed.forms import FUNCTIONS
 from terrain_estimator.compiled.folder import MODEL, build_core
 from terrain_estimator.compiled.runtime import CompiledRuntime
@@ -176,10 +176,11 @@ def test_a_core_goes_on_from_a_state_that_was_saved() -> None:
         np.testing.assert_array_equal(a.estimate.covariance, b.estimate.covariance)
 
 
-def test_wider_registers_give_the_same_bytes() -> None:
-    both = [BUILT / f"mars_rover{end}" for end in (".so", WIDE)]
-    if not both[1].is_file() or " avx2 " not in Path("/proc/cpuinfo").read_text():
-        pytest.skip("this processor has no AVX2")
+@pytest.mark.parametrize("end", WIDE)
+def test_wider_registers_give_the_same_bytes(end: str) -> None:
+    both = [BUILT / f"mars_rover{each}" for each in (PLAIN, end)]
+    if not both[1].is_file() or end not in ends_here():
+        pytest.skip(f"this processor has not {' '.join(WIDE[end])}")
     drive = recorded_drive(load_model("mars_rover").metadata).numpy()
     states = []
     for path in both:
@@ -188,6 +189,18 @@ def test_wider_registers_give_the_same_bytes() -> None:
         states.append(after)
     for name in states[0]:
         assert states[0][name].tobytes() == states[1][name].tobytes(), name
+
+
+def test_the_widest_registers_that_a_processor_has_are_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def ends(flags: str) -> list[str]:
+        monkeypatch.setattr(Path, "read_text", lambda *_, **__: f"flags\t\t: fpu {flags}\n")
+        return ends_here()
+
+    assert ends("sse2") == [".so"]
+    assert ends("sse2 avx2 avx512f") == [".avx2.so", ".so"]
+    assert ends("sse2 avx2 avx512f avx512dq avx512vl") == [".avx512.so", ".avx2.so", ".so"]
 
 
 def test_general_forms_give_the_bytes_of_fixed_ones(folder: Path, tmp_path: Path) -> None:

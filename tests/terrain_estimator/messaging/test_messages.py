@@ -3,12 +3,13 @@
 """Outgoing messages hold the whole update, also in words, with the same bytes live and offline."""
 
 import math
+from array import array
 from typing import Any
 
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 
 from msg_defs.msg import MeasurementDecision, TerrainEstimate
 from terrain_estimator.bags import Types
@@ -170,6 +171,48 @@ def test_rclpy_and_bag_classes_give_the_same_message(build: Any) -> None:
     assert TYPES.serialize(TYPES.deserialize(live, type_name)) == TYPES.serialize(
         build(updated(), TYPES.make, META, header())
     )
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        {"name": ("a", "b"), "effort": np.array([1.0, 2.0])},
+        {
+            "header": message_types.make("std_msgs/msg/Header", frame_id="body"),
+            "name": ("a", "b"),
+            "position": [1.0, 2.0],
+            "velocity": np.array([3.0, 4.0]),
+            "effort": (),
+        },
+    ],
+    ids=["none", "some", "all"],
+)
+def test_a_message_of_rclpy_is_what_its_class_makes_of_the_fields(fields: dict[str, Any]) -> None:
+    made = message_types.make("sensor_msgs/msg/JointState", **fields)
+    own = JointState(
+        **{
+            name: value if name == "header" else [*value] if name == "name" else array("d", value)
+            for name, value in fields.items()
+        }
+    )
+    assert made == own
+    assert repr(made) == repr(own)  # with the kinds of its arrays
+    assert serialize_message(made) == serialize_message(own)
+    made.name, own.name = ["c"], ["c"]
+    assert made == own
+
+
+def test_a_message_of_rclpy_shares_no_array_with_what_it_was_made_of() -> None:
+    imu = {name: getattr(Imu(), name) for name in Imu.get_fields_and_field_types()}
+    covariance = np.ones(9)
+    made = message_types.make(
+        "sensor_msgs/msg/Imu", **(imu | {"orientation_covariance": covariance})
+    )
+    covariance[:] = 2.0
+    assert made.orientation_covariance.tolist() == [1.0] * 9
+    whole = message_types.make("sensor_msgs/msg/Imu", **(imu | {"orientation_covariance": [1] * 9}))
+    assert serialize_message(whole) == serialize_message(made)
 
 
 @pytest.mark.parametrize("joints", [0, 1, 2, 3])

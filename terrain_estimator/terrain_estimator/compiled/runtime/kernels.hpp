@@ -17,7 +17,9 @@
 namespace terrain::detail {
 
 // As many numbers as a register holds, anywhere in memory (a vector of GCC and clang).
-#ifdef __AVX__
+#if defined(__AVX512F__)
+constexpr int64_t kLanes = 8;
+#elif defined(__AVX__)
 constexpr int64_t kLanes = 4;
 #else
 constexpr int64_t kLanes = 2;
@@ -163,7 +165,23 @@ inline void solve(const Lanes* l, Lanes* x, int64_t n, int64_t m, bool both) {
 
 // Rows become columns.
 TERRAIN_INLINE void transpose(Lanes (&x)[kLanes]) {
-#ifdef __AVX__
+#if defined(__AVX512F__)
+  for (int i = 0; i < 8; i += 2) {
+    const Lanes a = x[i], b = x[i + 1];
+    x[i] = Lanes{a[0], b[0], a[2], b[2], a[4], b[4], a[6], b[6]};
+    x[i + 1] = Lanes{a[1], b[1], a[3], b[3], a[5], b[5], a[7], b[7]};
+  }
+  for (int i : {0, 1, 4, 5}) {
+    const Lanes a = x[i], b = x[i + 2];
+    x[i] = Lanes{a[0], a[1], b[0], b[1], a[4], a[5], b[4], b[5]};
+    x[i + 2] = Lanes{a[2], a[3], b[2], b[3], a[6], a[7], b[6], b[7]};
+  }
+  for (int i = 0; i < 4; ++i) {
+    const Lanes a = x[i], b = x[i + 4];
+    x[i] = Lanes{a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]};
+    x[i + 4] = Lanes{a[4], a[5], a[6], a[7], b[4], b[5], b[6], b[7]};
+  }
+#elif defined(__AVX__)
   const Lanes a{x[0][0], x[1][0], x[0][2], x[1][2]}, b{x[0][1], x[1][1], x[0][3], x[1][3]};
   const Lanes c{x[2][0], x[3][0], x[2][2], x[3][2]}, d{x[2][1], x[3][1], x[2][3], x[3][3]};
   x[0] = Lanes{a[0], a[1], c[0], c[1]};
@@ -197,7 +215,7 @@ inline void scatter(double* to, const Lanes* from, int64_t step, int64_t number,
     Lanes block[kLanes];
     for (int64_t t = 0; t < kLanes; ++t) block[t] = from[i + t];
     transpose(block);
-#pragma GCC unroll 4
+#pragma GCC unroll 8
     for (int64_t t = 0; t < kLanes; ++t)
       if (t < number) lanes(to + t * step + i) = block[t];
   }

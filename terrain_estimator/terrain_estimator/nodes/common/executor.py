@@ -12,12 +12,16 @@ rclpy's own answer, the EventsExecutor, cannot serve this package's services (ro
 ends the process where a callback of rclpy raises (ros2/rclpy#1641).
 """
 
+from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.subscription import Subscription
+from rclpy.waitable import NumberOfEntities, Waitable
 
 _FOREVER_NS = -1
+ROUNDS = 20
+"""[1] Messages of each topic that may follow before timers and services are served again."""
 
 
 class MessageExecutor(SingleThreadedExecutor):
@@ -28,9 +32,16 @@ class MessageExecutor(SingleThreadedExecutor):
     it (see ``ReentrantCallbackGroup`` in the estimator).
     """
 
+    def __init__(self, *, context: Context | None = None) -> None:
+        """Begin without a node, in rclpy's own context where none is given."""
+        super().__init__(context=context)
+        self._asked: list[Waitable] = []
+        self._sizes = NumberOfEntities()
+
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait at most ``timeout_sec`` [s] (None: without end) and serve what is ready.
 
+        While a topic has another message, one of every topic is served without another wait.
         Raises what a callback raises; what else was ready is served by the next call.
         """
         # coroutines that await something: rclpy's executor takes their steps
@@ -43,25 +54,36 @@ class MessageExecutor(SingleThreadedExecutor):
             super().spin_once(0.0)
         for subscription in messages:
             take_message(subscription)
+        # to ask in vain costs a twentieth of a wait
+        for _ in range(ROUNDS if messages else 0):
+            if not take_message(messages[0]):
+                break
+            # every topic: none may get ahead of those with which its messages are paired
+            for subscription in self._subscriptions():
+                if subscription is not messages[0]:
+                    take_message(subscription)
+
+    def _subscriptions(self) -> list[Subscription]:
+        return [each for node in self.get_nodes() for each in node.subscriptions]
 
     def _ready(self, timeout_ns: int) -> tuple[list[Subscription], bool]:
         """Wait; return the subscriptions with a message, and whether anything else is ready."""
         nodes = self.get_nodes()
-        subscriptions = [each for node in nodes for each in node.subscriptions]
+        subscriptions = self._subscriptions()
         guards = [each for node in nodes for each in node.guards]
         timers = [each for node in nodes for each in node.timers]
         clients = [each for node in nodes for each in node.clients]
         services = [each for node in nodes for each in node.services]
         events = [each for node in nodes for each in node.waitables]
         own = (self._guard, self._sigint_gc)
-        counts = [each.get_num_entities() for each in events]
+        sizes = self._sizes_of(events)
         wait_set = rclpy_implementation.WaitSet(
-            len(subscriptions) + sum(each.num_subscriptions for each in counts),
-            len(guards) + len(own) + sum(each.num_guard_conditions for each in counts),
-            len(timers) + sum(each.num_timers for each in counts),
-            len(clients) + sum(each.num_clients for each in counts),
-            len(services) + sum(each.num_services for each in counts),
-            sum(each.num_events for each in counts),
+            len(subscriptions) + sizes.num_subscriptions,
+            len(guards) + len(own) + sizes.num_guard_conditions,
+            len(timers) + sizes.num_timers,
+            len(clients) + sizes.num_clients,
+            len(services) + sizes.num_services,
+            sizes.num_events,
             self._context.handle,
         )
         wait_set.clear_entities()
@@ -88,6 +110,13 @@ class MessageExecutor(SingleThreadedExecutor):
         )
         ready = wait_set.get_ready_entities("subscription")
         return [each for each in subscriptions if each.handle.pointer in ready], others
+
+    def _sizes_of(self, waitables: list[Waitable]) -> NumberOfEntities:
+        """Return how many entities waitables have; others than the last ones are asked anew."""
+        if waitables != self._asked:
+            self._asked = waitables
+            self._sizes = sum((each.get_num_entities() for each in waitables), NumberOfEntities())
+        return self._sizes
 
 
 def take_message(subscription: Subscription) -> bool:
