@@ -302,3 +302,21 @@ def test_the_lugs_of_a_measured_wheel_are_named_beside_its_smooth_rim(
     assert pull["before"] > 4.0
     assert pull["after"] < 1.5
     assert "slip_sinkage, which is taken to act in all" in capsys.readouterr().out
+
+
+def test_prior_odds_multiply_the_probability_and_stand_in_the_report(tmp_path: Path) -> None:
+    (tmp_path / "odds").mkdir()
+    usual = found(table(tmp_path / "table.csv"))
+    likelier = found(table(tmp_path / "odds" / "table.csv"), "--prior-odds", "slip_sinkage=10")
+    ratios = [
+        each["probabilities"]["slip_sinkage"] / each["probabilities"]["none"]
+        for each in (usual, likelier)
+    ]
+    assert ratios[1] == pytest.approx(10.0 * ratios[0], rel=1e-6)
+    assert likelier["asked"]["prior_odds"] == {"slip_sinkage": 10.0}
+    pages = [
+        (tmp_path / part / "out" / "report.html").read_text(encoding="utf-8")
+        for part in ("", "odds")
+    ]
+    said = "Stated by the user before the search, as odds over what is usual"
+    assert [said in page for page in pages] == [False, True]
