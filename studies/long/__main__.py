@@ -21,8 +21,8 @@ from studies.accuracy.cells import WRONG
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
 from studies.long.table import LongLine, lines, page
 from studies.records import Piece, compute, read_record, write_record, write_results
-from studies.stream.drives import CONFIGS, EVERY_ROW, joined, stream_cell
-from studies.stream.pieces import Record, record_of, streamed_of
+from studies.stream.drives import CONFIGS, EVERY_ROW, joined
+from studies.stream.pieces import Record, kept_cell, streamed_of
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.tasks import ROVERS
@@ -97,7 +97,11 @@ def _pieces(args: argparse.Namespace) -> list[tuple[Setting, Piece[Record]]]:
                 kind = "hour" if hour else "minutes"
                 path = folder / f"{setting.rover}-{kind}-{setting.spread:g}-{number}.npz"
                 seed = args.seed + zlib.crc32(path.name.encode()) % 1_000_000
-                found.append((setting, Piece(partial(_batch, setting, BATCH, seed), path)))
+                rover, spread, times, rows, _ = setting
+                work = partial(
+                    kept_cell, rover, SOIL, spread, BATCH, seed, times, rows, bound=not hour
+                )
+                found.append((setting, Piece(work, path)))
     return found
 
 
@@ -110,11 +114,6 @@ def _settings() -> list[Setting]:
     ]
     hours = [Setting(rover, WRONG, HOUR_S, HOUR_ROWS, hour=True) for rover in ROVERS]
     return minutes + hours
-
-
-def _batch(setting: Setting, drives: int, seed: int) -> Record:
-    rover, spread, times, rows, hour = setting
-    return record_of(stream_cell(rover, SOIL, spread, drives, seed, times, rows, bound=not hour))
 
 
 def _lines(pieces: list[tuple[Setting, Piece[Record]]]) -> list[LongLine]:

@@ -18,8 +18,8 @@ from docs.provenance import digest, measured
 from studies.accuracy.cells import WRONG
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
 from studies.records import Piece, compute, read_record, write_record, write_results
-from studies.stream.drives import CONFIGS, EVERY_ROW, joined, stream_cell
-from studies.stream.pieces import Record, record_of, streamed_of
+from studies.stream.drives import CONFIGS, EVERY_ROW, joined
+from studies.stream.pieces import Record, kept_cell, streamed_of
 from studies.stream.table import StreamCell, page, score
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
@@ -103,15 +103,21 @@ def _pieces(args: argparse.Namespace) -> dict[Place, list[Piece[Record]]]:
                 args.seed + 1000 * index,
             )
             found[place] = [
-                Piece(partial(_batch, place, BATCH, first + k), folder / f"{name}-{k}.npz")
+                Piece(
+                    partial(
+                        kept_cell,
+                        *place,
+                        BATCH,
+                        first + k,
+                        TIMES_S,
+                        (*CONFIGS,),
+                        whole=(EVERY_ROW,),
+                    ),
+                    folder / f"{name}-{k}.npz",
+                )
                 for k in range(args.batches)
             ]
     return found
-
-
-def _batch(place: Place, drives: int, seed: int) -> Record:
-    found = stream_cell(*place, drives, seed, TIMES_S, tuple(CONFIGS))
-    return record_of(found, whole=(EVERY_ROW,))
 
 
 def _cells(pieces: dict[Place, list[Piece[Record]]]) -> list[StreamCell]:

@@ -3,13 +3,13 @@
 """What the studies of streamed drives keep of a batch."""
 
 import dataclasses
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.stream.drives import Streamed
+from studies.stream.drives import Streamed, stream_cell
 
 Record = dict[str, NDArray[Any]]
 """Fields of Streamed with each set of rows, named ROWS.FIELD."""
@@ -25,6 +25,23 @@ def record_of(found: Mapping[str, Streamed], *, whole: Collection[str] = ()) -> 
         for field, value in dataclasses.asdict(streamed).items()
         if rows in whole or field not in OF_EACH_OBSERVATION
     }
+
+
+def kept_cell(
+    rover: str,
+    soil: str,
+    spread: float,
+    drives: int,
+    seed: int,
+    times_s: Sequence[float],
+    rows: Sequence[str],
+    *,
+    bound: bool = True,
+    whole: Collection[str] = (),
+) -> Record:
+    """Return what is kept of :func:`stream_cell`; a process that was started can import this."""
+    found = stream_cell(rover, soil, spread, drives, seed, times_s, rows, bound=bound)
+    return record_of(found, whole=whole)
 
 
 def streamed_of(record: Record, rows: str) -> Streamed:
