@@ -41,13 +41,13 @@ train: workspace  ## train the models that ship anew; results in out/models
 accuracy: workspace  ## judge the estimator on simulated drives: docs/accuracy.md
 	ros2_ws/with python -m studies.accuracy $(ARGS)
 
-long: workspace  ## judge the intervals after minutes and an hour on one ground, 1 h of one core: docs/long_drives.md
+long: workspace  ## judge the intervals after minutes and an hour on one ground, 90 minutes of one core: docs/long_drives.md
 	ros2_ws/with python -m studies.long $(ARGS)
 
 change: workspace  ## judge how soon a change of the ground is found: docs/change.md
 	ros2_ws/with python -m studies.change $(ARGS)
 
-stream: workspace  ## judge what the estimator publishes with default parameters: docs/stream_study.md
+stream: workspace  ## judge what the estimator publishes with default parameters, half an hour of one core: docs/stream_study.md
 	ros2_ws/with python -m studies.stream $(ARGS)
 
 foreign: workspace  ## judge the estimator on drives of another engine, 20 minutes of one core: docs/foreign.md
@@ -59,7 +59,7 @@ foreign-turns: workspace  ## judge models by wheel on another engine's turns, fo
 foreign-bag: workspace  ## turn one of those drives into a bag: make foreign-bag ARGS="A_cruise_tracks --out out/foreign/A_cruise_tracks"
 	ros2_ws/with python -m studies.foreign.bag $(ARGS)
 
-robustness: workspace  ## judge what is published where the world is not the model's, 20 minutes of one core: docs/robustness.md
+robustness: workspace  ## judge what is published where the world is not the model's, 25 minutes of one core: docs/robustness.md
 	ros2_ws/with python -m studies.robustness $(ARGS)
 
 lateral: workspace  ## the bound of a minute of skid steering, for docs/lateral.md, 15 minutes of one core

@@ -20,9 +20,9 @@ from docs.provenance import digest, measured
 from studies.accuracy.cells import WRONG
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
 from studies.long.table import LongLine, lines, page
-from studies.records import Piece, compute, read_record, write_record, write_results
-from studies.stream.drives import CONFIGS, EVERY_ROW, joined
-from studies.stream.pieces import Record, kept_cell, streamed_of
+from studies.records import Piece, compute, read_record, write_results
+from studies.stream.drives import CONFIGS, EVERY_ROW, Streamed, joined, stream_cell
+from studies.stream.pieces import Record, streamed_of, write_cell
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.tasks import ROVERS
@@ -57,7 +57,7 @@ def main(argv: list[str] | None = None) -> int:
     pieces = _pieces(args)
     try:
         missing = [piece for _, piece in pieces if read_record(piece.path) is None]
-        compute("studies.long", missing, args.jobs, args.minutes, write_record)
+        compute("studies.long", missing, args.jobs, args.minutes, write_cell)
         found = _lines(pieces)
         if not found:
             return refuse_too_short("long", "batch")
@@ -86,7 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _pieces(args: argparse.Namespace) -> list[tuple[Setting, Piece[Record]]]:
+def _pieces(args: argparse.Namespace) -> list[tuple[Setting, Piece[dict[str, Streamed]]]]:
     """Return every setting's first batch, then every setting's second, and so on; hours last."""
     folder = args.records / f"{digest('long')}-{args.seed}"
     found = []
@@ -99,7 +99,7 @@ def _pieces(args: argparse.Namespace) -> list[tuple[Setting, Piece[Record]]]:
                 seed = args.seed + zlib.crc32(path.name.encode()) % 1_000_000
                 rover, spread, times, rows, _ = setting
                 work = partial(
-                    kept_cell, rover, SOIL, spread, BATCH, seed, times, rows, bound=not hour
+                    stream_cell, rover, SOIL, spread, BATCH, seed, times, rows, bound=not hour
                 )
                 found.append((setting, Piece(work, path)))
     return found
@@ -116,7 +116,7 @@ def _settings() -> list[Setting]:
     return minutes + hours
 
 
-def _lines(pieces: list[tuple[Setting, Piece[Record]]]) -> list[LongLine]:
+def _lines(pieces: list[tuple[Setting, Piece[dict[str, Streamed]]]]) -> list[LongLine]:
     """Return the lines of the batches that are done."""
     parts: dict[Setting, list[Record]] = {}
     for setting, piece in pieces:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from studies.observations import observations_of
 from studies.physics import physics_model
-from studies.robustness.worlds import SECONDS, World, measured, near, unknown_ground
+from studies.robustness.worlds import SECONDS, World, measured, rover_near, unknown_ground
 from terrain_estimator.compiled.finding import load
 from terrain_estimator.config.estimator import AUTO, CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
@@ -56,7 +56,7 @@ def drive_batch(world: World, drives: int, seed: int) -> Record:
     if not world.soil:
         ground = unknown_ground(ground.patches[0].strength, hiding)
     model = _model(world, hiding)
-    rover = near(model.rover, hiding) if world.rover else model.rover
+    rover = rover_near(model.rover, hiding) if world.rover else model.rover
     plant, step_s = _plant(world, rover, drives, hiding), 1.0 / world.rate_hz
     drive = simulate(rover, ground, "S1", SECONDS, drawing, drives, plant=plant, time_step=step_s)
     readings = measured(world, rover, drive.seen, hiding)
@@ -70,7 +70,7 @@ def _model(world: World, generator: torch.Generator) -> LoadedModel:
     """Return the model that ships, or the physics alone for a rover that is near a preset."""
     if not world.near:
         return load(ROVER, AUTO).model
-    rover = near(load_rover(world.near), generator)
+    rover = rover_near(load_rover(world.near), generator)
     with tempfile.TemporaryDirectory() as folder:
         return physics_model(rover, load_soil(world.soil), Path(folder) / "near.pt")
 

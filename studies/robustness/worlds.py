@@ -119,7 +119,7 @@ def unknown_ground(strength: Tensor, generator: torch.Generator) -> Ground:
     return Ground([Patch(low + (high - low) * share, strength)])
 
 
-def near(rover: Rover, generator: torch.Generator) -> Rover:
+def rover_near(rover: Rover, generator: torch.Generator) -> Rover:
     """Return a rover whose mass and wheels differ by up to ROVER_SPREAD."""
     draw = torch.rand(3, generator=generator, dtype=torch.float64)
     mass, radius, width = (1.0 + ROVER_SPREAD * (2.0 * draw - 1.0)).tolist()

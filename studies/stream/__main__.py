@@ -17,9 +17,9 @@ import torch
 from docs.provenance import digest, measured
 from studies.accuracy.cells import WRONG
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
-from studies.records import Piece, compute, read_record, write_record, write_results
-from studies.stream.drives import CONFIGS, EVERY_ROW, joined
-from studies.stream.pieces import Record, kept_cell, streamed_of
+from studies.records import Piece, compute, read_record, write_results
+from studies.stream.drives import CONFIGS, EVERY_ROW, Streamed, joined, stream_cell
+from studies.stream.pieces import streamed_of, write_cell
 from studies.stream.table import StreamCell, page, score
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
@@ -27,8 +27,9 @@ from terrain_estimator.learning.tasks import ROVERS, SOILS
 from terrain_estimator.model.model_file import load_model
 
 BATCH = 50
-TIMES_S = (40.0,)
 """Drives that are computed at once."""
+TIMES_S = (40.0,)
+"""[s] Times at which they are judged; a drive lasts until the last."""
 
 Place = tuple[str, str, float]
 """Rover, soil, and by how much the constants are wrong."""
@@ -48,7 +49,8 @@ def main(argv: list[str] | None = None) -> int:
     every = [piece for same in zip(*pieces.values(), strict=True) for piece in same]
     try:
         missing = [piece for piece in every if read_record(piece.path) is None]
-        compute("studies.stream", missing, args.jobs, args.minutes, write_record)
+        keep = partial(write_cell, whole=(EVERY_ROW,))
+        compute("studies.stream", missing, args.jobs, args.minutes, keep)
         cells = _cells(pieces)
         if len(cells) < len(pieces):
             return refuse_too_short("stream", "batch of every cell")
@@ -88,13 +90,13 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _pieces(args: argparse.Namespace) -> dict[Place, list[Piece[Record]]]:
+def _pieces(args: argparse.Namespace) -> dict[Place, list[Piece[dict[str, Streamed]]]]:
     """Return the batches of each cell."""
     folder = args.records / f"{digest('stream')}-{args.seed}"
     places = [
         (rover, soil, spread) for rover in ROVERS for soil in SOILS for spread in (0.0, WRONG)
     ]
-    found: dict[Place, list[Piece[Record]]] = {}
+    found: dict[Place, list[Piece[dict[str, Streamed]]]] = {}
     for index, place in enumerate(places):
         rover, soil, spread = place
         if rover in args.rover and soil in args.soil:
@@ -104,15 +106,7 @@ def _pieces(args: argparse.Namespace) -> dict[Place, list[Piece[Record]]]:
             )
             found[place] = [
                 Piece(
-                    partial(
-                        kept_cell,
-                        *place,
-                        BATCH,
-                        first + k,
-                        TIMES_S,
-                        (*CONFIGS,),
-                        whole=(EVERY_ROW,),
-                    ),
+                    partial(stream_cell, *place, BATCH, first + k, TIMES_S, tuple(CONFIGS)),
                     folder / f"{name}-{k}.npz",
                 )
                 for k in range(args.batches)
@@ -120,7 +114,7 @@ def _pieces(args: argparse.Namespace) -> dict[Place, list[Piece[Record]]]:
     return found
 
 
-def _cells(pieces: dict[Place, list[Piece[Record]]]) -> list[StreamCell]:
+def _cells(pieces: dict[Place, list[Piece[dict[str, Streamed]]]]) -> list[StreamCell]:
     """Return the cells, each from its batches that are done."""
     cells = []
     for (rover, soil, spread), of_cell in pieces.items():

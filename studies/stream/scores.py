@@ -41,7 +41,10 @@ class StrengthScore:
 
 
 def strength_score(streamed: Streamed, place: int, k: int) -> StrengthScore:
-    """Return the score of parameter ``k`` after the time at ``place``."""
+    """Return the score of parameter ``k`` (0 c, 1 tan phi) after the time at ``place`` of K.
+
+    Each drive counts once, with the last values that were published up to that time.
+    """
     truth, deviation = streamed.truth[:, k], streamed.deviation[:, place, k]
     error = streamed.mean[:, place, k] - truth
     z, relative = error / deviation, np.abs(error) / truth

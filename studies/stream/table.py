@@ -255,9 +255,7 @@ def _soils(cells: list[StreamCell]) -> list[str]:
     if not drives:
         return ["0", "", ""]
     mean = sum(each.drives * each.probability for each in scores) / drives
-    share = share_of(torch.arange(drives) < right)
-    limits = f"{_percent(share.value)} ({_percent(share.low)} to {_percent(share.high)})"
-    return [str(drives), _percent(mean), limits]
+    return [str(drives), _percent(mean), share(share_of(torch.arange(drives) < right))]
 
 
 def _percent(value: float) -> str:

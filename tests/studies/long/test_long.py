@@ -10,41 +10,19 @@ import pytest
 
 from studies.long import __main__ as command
 from studies.long.table import lines, page
-from studies.stream.drives import Streamed
+from tests.studies.streamed_drives import streamed
 
 DRIVES = 200
 TIMES_S = (40.0, 400.0)
-
-
-def streamed(errors: "np.ndarray[tuple[int, int], np.dtype[np.float64]]") -> Streamed:
-    """Return drives whose errors are ``errors`` [N, K] published deviations, without a bound."""
-    count, times = errors.shape
-    nothing = np.zeros((count, 0))
-    sd = np.array([100.0, 0.01])
-    truth = np.tile([2000.0, 0.5], (count, 1))
-    inside = np.repeat((np.abs(errors) < 1.96)[..., np.newaxis], 2, -1).astype(float)
-    return Streamed(
-        truth,
-        truth[:, np.newaxis] + errors[..., np.newaxis] * sd,
-        np.broadcast_to(sd, (count, times, 2)),
-        inside,
-        np.ones((count, times, 2)),
-        np.ones(count),
-        np.full((count, times, 2), np.nan),
-        nothing,
-        nothing,
-        nothing,
-        nothing,
-        np.zeros(count),
-        np.ones(count),
-    )
 
 
 def test_coverage_and_shift_are_judged_after_each_time() -> None:
     """Of 200 errors 20 are two deviations at first; later all are one deviation to one side."""
     errors = np.zeros((DRIVES, 2))
     errors[:10, 0], errors[10:20, 0], errors[:, 1] = 2.0, -2.0, 1.0
-    first, second = lines("paper_rover", 0.0, TIMES_S, {"v+L": streamed(errors)})
+    drives = streamed(errors)
+    drives.least[:] = np.nan
+    first, second = lines("paper_rover", 0.0, TIMES_S, {"v+L": drives})
     assert (first.after_s, first.drives) == (40.0, DRIVES)
     assert first.cohesion.inside_95.value == pytest.approx(0.9)
     assert first.cohesion.shift.value == pytest.approx(0.0)

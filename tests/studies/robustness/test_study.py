@@ -18,7 +18,7 @@ from studies.robustness.worlds import (
     World,
     drift_of,
     measured,
-    near,
+    rover_near,
     together,
     unknown_ground,
     worlds,
@@ -92,7 +92,7 @@ def test_unknown_soils_lie_in_their_ranges_and_keep_their_strength() -> None:
 
 
 def test_a_rover_near_another_differs_by_at_most_thirty_percent_in_three_numbers() -> None:
-    rovers = [near(ROVER, generator(seed)) for seed in range(20)]
+    rovers = [rover_near(ROVER, generator(seed)) for seed in range(20)]
     for name in ("mass", "wheel_radius", "wheel_width"):
         ratios = [getattr(rover, name) / getattr(ROVER, name) for rover in rovers]
         assert 0.7 <= min(ratios) < 0.85

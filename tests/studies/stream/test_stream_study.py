@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.stats import binom
 
 from studies.stream import __main__ as stream_study
@@ -16,6 +17,7 @@ from studies.stream.scores import strength_score
 from studies.stream.table import score
 from studies.stream.targets import TARGETS, worst_of
 from terrain_estimator.learning.tasks import ROVERS
+from tests.studies.streamed_drives import streamed
 
 DRIVES = 2
 
@@ -102,32 +104,15 @@ def test_no_time_for_one_batch_of_each_cell_is_said(
     assert "goes on where it was" in capsys.readouterr().err
 
 
-def streamed_with(errors: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> Streamed:
-    """Return drives whose last errors are ``errors`` [N] deviations, which are those of the bound.
+def streamed_with(errors: NDArray[np.float64]) -> Streamed:
+    """Return drives whose last errors are ``errors`` [N] deviations, those before nine.
 
     The first half is identified, the first tenth never published.
     """
-    count = len(errors)
-    truth = np.tile([2000.0, 0.5], (count, 1))
-    sd = np.tile([100.0, 0.01], (count, 1))
-    share = np.arange(count) / count
-    nothing = np.zeros((count, 0))
-    both = np.tile((share < 0.5)[:, np.newaxis, np.newaxis], (1, 2, 2)).astype(float)
-    return Streamed(
-        truth,
-        truth[:, np.newaxis] + np.stack([9.0 * sd, errors[:, np.newaxis] * sd], 1),
-        np.stack([sd, sd], 1),
-        np.tile((np.abs(errors) < 1.96)[:, np.newaxis, np.newaxis], (1, 2, 2)).astype(float),
-        both,
-        (share >= 0.1).astype(float),
-        np.stack([sd, sd], 1),
-        nothing,
-        nothing,
-        nothing,
-        nothing,
-        np.zeros(count),
-        np.ones(count),
-    )
+    drives = streamed(np.stack([np.full_like(errors, 9.0), errors], 1))
+    drives.identified[len(errors) // 2 :] = 0.0
+    drives.published[: len(errors) // 10] = 0.0
+    return drives
 
 
 def test_a_parameter_is_scored_at_the_time_that_is_asked_for() -> None:
