@@ -153,6 +153,6 @@ def measured(world: World, rover: Rover, sample: Sample, generator: torch.Genera
 
 
 def drift_of(shape: Sequence[int], time_step: float, generator: torch.Generator) -> Tensor:
-    """Return series [batch, time] of deviation 1, ``time_step`` [s] apart, correlated over DRIFT_S."""
+    """Return series [batch, time] of deviation 1, correlated over DRIFT_S; ``time_step`` [s]."""
     white = torch.randn(shape, generator=generator, dtype=torch.float64)
     return coloured(white, math.exp(-time_step / DRIFT_S))
