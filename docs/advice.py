@@ -27,10 +27,7 @@ WHEN = {
         ),
         "use_torque": f"{_TORQUE}; in the planner too",
         "use_imu": f"{_IMU}; in the planner too",
-        "use_moments": (
-            "to false if the suspension has springs or stiff joints; then set prior.soil, or"
-            " nothing is identified"
-        ),
+        "use_moments": "to false if the suspension has springs or stiff joints",
         "use_sinkage": "to false if no sensor measures sinkages, or a poor one",
         "contact_angle_sd": (
             "if no contact angle is measured, to three times the usual angle between the ground"

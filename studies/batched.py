@@ -270,7 +270,7 @@ def _closed(
     solved = _solve_restarted(model, state, rows, solved, degrees)
     bank, misfit = torch.vmap(model.hypotheses.select)(solved)
     state = torch.vmap(model.publish)(state, _inactive_last(bank))
-    leading = state["soils"].argmax(1)
+    leading = torch.vmap(model.hypotheses.most_probable)(state["soils"])
     noise = [(leading == soil).view(-1, 1, 1, 1) * each.noise for soil, each in enumerate(rows)]
     finish = torch.vmap(model.finish)
     return finish(state, functools.reduce(torch.add, noise), misfit, degrees), rows
@@ -411,7 +411,7 @@ def _solve_members(
 
 def _scatter(solved: Solved, chosen: Tensor, drives: int) -> Solved:
     """Return hypotheses of the ``chosen`` of G drives, with inactive ones for the others."""
-    posterior, misfit, noise = solved.solution
+    posterior, misfit = solved.solution
     shape = (drives, misfit.shape[1])
 
     def spread(values: Tensor, fill: float = 0.0) -> Tensor:
@@ -422,9 +422,7 @@ def _scatter(solved: Solved, chosen: Tensor, drives: int) -> Solved:
     precision = torch.eye(posterior.mean.shape[-1], dtype=torch.float64).repeat(*shape, 1, 1)
     precision[chosen] = posterior.precision
     whole = Posterior(spread(posterior.mean), precision, spread(posterior.log_weight, -torch.inf))
-    return Solved(
-        Solution(whole, spread(misfit), spread(noise)), spread(solved.age), spread(solved.kind)
-    )
+    return Solved(Solution(whole, spread(misfit)), spread(solved.age), spread(solved.kind))
 
 
 def solve_blocks(prior: Posterior, rows: BlockRows, longest_step: Tensor) -> Solution:

@@ -70,7 +70,7 @@ class AccuracyCell:
     spread: float
     truth: str
     rows: str
-    model: str  # "physics" (no net, constants exact where they are), "shipped" or "without net"
+    model: str  # "physics" (constants exact where they are), "shipped" or "with net"
     score: CellScore
 
 
@@ -171,20 +171,19 @@ def study(setting: Setting, episodes: int, seed: int, batch: int = 0) -> CellBat
 def _judge_shipped(
     part: CellBatch, setting: Setting, drives: MeasuredDrives, rows: str, bound: Tensor, batch: int
 ) -> None:
-    """Judge the model that ships, and, with every row, the share of its net."""
+    """Judge the model that ships, and, with every row, the one with a net and its share."""
     loaded = load_model(setting.rover)
     model = restore(loaded)
-    trace = _run(model, drives, rows)
-    part.judged[rows, "shipped"] = judge(trace, drives, bound, model.hypotheses.prior_sd)
+    prior_sd = model.hypotheses.prior_sd
+    part.judged[rows, "shipped"] = judge(_run(model, drives, rows), drives, bound, prior_sd)
     if rows != EVERY_ROW:
         return
-    without = restore(loaded, trust=0.0)
-    part.judged[rows, "without net"] = judge(
-        _run(without, drives, rows), drives, bound, without.hypotheses.prior_sd
-    )
+    learnt = restore(load_model(f"{setting.rover}_with_net"))
+    trace = _run(learnt, drives, rows)
+    part.judged[rows, "with net"] = judge(trace, drives, bound, prior_sd)
     if batch == 0:
         known = [each.name for each in loaded.metadata.soils].index(setting.soil)
-        part.net.append(_share(model, known, drives, trace, setting))
+        part.net.append(_share(learnt, known, drives, trace, setting))
 
 
 def cells(setting: Setting, parts: Sequence[CellBatch]) -> list[AccuracyCell]:

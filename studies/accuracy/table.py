@@ -134,7 +134,7 @@ standard deviations of the grid posterior, c / tan phi.
 
 """
 NET = """\
-The models that ship, with and without their learnt columns, on the same drives. Both have the soil
+The models that ship, without and with learnt columns, on the same drives. Both have the soil
 constants as parameters. Physics is the model of the tables above, which takes exact constants as
 exact. The share is the rms of the learnt part of a row over that of its nominal part, at the last
 posterior mean.
@@ -367,7 +367,7 @@ def _net(run: AccuracyRun) -> str:
             continue
         said = (
             f"{_percent(share.velocity)} / {_percent(share.load)} / {_percent(share.torque)}"
-            if cell.model == "shipped"
+            if cell.model == "with net"
             else ""
         )
         lines.append([*_place(cell), cell.model, *_ablation(cell), said])

@@ -16,7 +16,7 @@ import torch
 
 from docs.provenance import measured
 from studies.accuracy.scores import PARAMETERS, CellScore, ParameterScore
-from studies.command import add_model_option, refuse, study_parser
+from studies.command import refuse, study_parser
 from studies.limited import Limited
 from studies.net.study import PLANTS, Comparison, compare
 from studies.records import write_results
@@ -25,7 +25,7 @@ from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.learning.adding import restored
 from terrain_estimator.model.loaded import LoadedModel
-from terrain_estimator.model.metadata import ModelFileError
+from terrain_estimator.model.metadata import DEFAULT_MODEL, ModelFileError
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.palpaca import PAlpaca
 from terramechanics.terrain.soil import Soil
@@ -72,7 +72,9 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = study_parser("net", __doc__)
-    add_model_option(parser)
+    parser.add_argument(
+        "--model", default=f"{DEFAULT_MODEL}_with_net", help="name or file of a model with a net"
+    )
     parser.add_argument(
         "--soil",
         default="",

@@ -74,7 +74,6 @@ class Estimator:
             )
         self._step_s, self._block = model.metadata.step_s, model.metadata.block
         self._beliefs = Beliefs.of(model.metadata, config)
-        self._soil_unknown = self._beliefs.soil_unknown(config)
         self._gate = limit(config.gate_probability, 1)
         self._sequence = 0
         self.reopened = 0  # times that the prior came back by itself
@@ -237,8 +236,7 @@ class Estimator:
 
     def _judge(self) -> None:
         """Judge the fit of the last closed blocks."""
-        self._inconsistent, unconfirmed = self._consistency.judge()
-        self._unconfirmed = unconfirmed or self._soil_unknown
+        self._inconsistent, self._unconfirmed = self._consistency.judge()
         self._fit = self._consistency.fits()
         self._unsound_fit = unsound_fit(self._fit)
 

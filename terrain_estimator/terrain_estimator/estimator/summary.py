@@ -61,22 +61,6 @@ class Beliefs:
             tuple(p / sum(probable) for p in probable),
         )
 
-    def soil_unknown(self, config: CoreConfig) -> str:
-        """Return why the rows in use do not tell the soils apart; empty where they do.
-
-        Without torques or moments the evidence of minutes of driving settles on a wrong soil, and
-        c and tan phi on wrong values (docs/long_drives.md).
-        """
-        if sum(probability > 0.0 for probability in self.prior_soils) < 2:
-            return ""
-        lacking = [name for name in ("use_torque", "use_moments") if not getattr(config, name)]
-        return (
-            f"{' and '.join(lacking)} false: the other rows do not tell the model's soils apart:"
-            " set prior.soil, or take a model of one soil"
-            if lacking
-            else ""
-        )
-
 
 class Summary(NamedTuple):
     """What a state says of the ground."""

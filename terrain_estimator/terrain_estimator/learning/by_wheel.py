@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 import torch
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.model.body_columns import BodyColumns
+from terrain_estimator.model.constant_columns import ConstantColumns
 from terrain_estimator.model.metadata import TORQUE_GAIN
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics import Physics, RoverBody
@@ -78,7 +78,7 @@ def build_model_by_wheel(
     return model
 
 
-def body_columns(rover: Rover, rows: Sequence[str], count: int) -> BodyColumns:
+def body_columns(rover: Rover, rows: Sequence[str], count: int) -> ConstantColumns:
     """Return the columns of the first ``count`` of BODY_PARAMETERS, in the place of a net.
 
     A planar rover has neither, so that the parameters that are the rover's own lack them. A centre
@@ -88,4 +88,4 @@ def body_columns(rover: Rover, rows: Sequence[str], count: int) -> BodyColumns:
     table = torch.zeros(len(rows), count, dtype=torch.float64)
     table[rows.index(ROLL_MOMENT), 0] = -1.0 / (rover.axle_x[0] - rover.axle_x[-1])
     table[rows.index("lateral_velocity"), 1] = rover.gravity
-    return BodyColumns(table)
+    return ConstantColumns(table)

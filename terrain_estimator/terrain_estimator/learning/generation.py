@@ -82,9 +82,7 @@ def draw_chunk(chunk: Chunk) -> Regression:
         order.strength,
         plant,
     )
-    return regression(
-        build_model(order.rover, [order.soil], columns=1, hidden=1, prior=prior), tasks, generator
-    )
+    return regression(build_model(order.rover, [order.soil], prior=prior), tasks, generator)
 
 
 def generate(order: Order, spread: Spread = map) -> Regression:

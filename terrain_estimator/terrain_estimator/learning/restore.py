@@ -20,7 +20,7 @@ def restore(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
     """Return a loaded model as a Python module with the same numbers.
 
     ``trust`` replaces the prior probability [1] of the hypotheses with the net.
-    Raises ModelFileError where it has named effects.
+    Raises ModelFileError where it has named effects, or no net to trust.
     """
     if loaded.effects:
         raise ModelFileError(
@@ -28,39 +28,41 @@ def restore(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
         )
     if loaded.metadata.wheels:
         raise ModelFileError(f"model {loaded.model_id} is by wheel: give one that is by axle")
+    if trust is not None and not has_net(loaded):
+        raise ModelFileError(f"model {loaded.model_id} has no net: give one that has")
     values = loaded.module.state_dict()
-    last = values["net.layers.4.weight"]
-    prior = loaded.metadata.prior
-    rows = values["net.row_scale"].shape[0]
-    columns, moments = last.shape[0] // rows, rows > len(loaded.rover.axle_x) + 2
+    prior, columns, hidden, moments = loaded.metadata.prior, 0, 1, True
+    if has_net(loaded):
+        last = values["net.layers.4.weight"]
+        rows = values["net.row_scale"].shape[0]
+        columns, moments = last.shape[0] // rows, rows > len(loaded.rover.axle_x) + 2
+        hidden = last.shape[1]
     model = build_model(
-        loaded.rover, loaded.metadata.soils, columns, last.shape[1], prior, moments=moments
+        loaded.rover, loaded.metadata.soils, columns, hidden, prior, moments=moments
     )
     # The rover file has them; models of older versions store the pivot in another form.
     own = model.state_dict()
     values |= {name: own[name] for name in own if name.rpartition(".")[2] in GEOMETRY}
     model.load_state_dict(values)
     if trust is not None:
-        _trust(model, trust)
+        shares = torch.tensor([1.0 - trust, trust], dtype=torch.float64)
+        model.hypotheses.net_log_weight.copy_(shares.log())
     return _frozen(model)
 
 
+def has_net(loaded: LoadedModel) -> bool:
+    """Return whether a model has learnt features beside its physics."""
+    return "net_0" in loaded.metadata.parameters
+
+
 def physics_alone(rover: Rover, soil: Soil, *, exact: bool) -> PAlpaca:
-    """Return the model without learnt features: one column, of prior probability zero.
+    """Return the model without learnt features.
 
     ``exact`` makes the soil constants exact; else they are parameters with the prior of the
     trained models.
     """
     prior = dataclasses.replace(DEFAULT_PRIOR, constants_sd=0.0) if exact else DEFAULT_PRIOR
-    model = build_model(rover, [soil], columns=1, hidden=1, prior=prior)
-    _trust(model, 0.0)
-    return _frozen(model)
-
-
-def _trust(model: PAlpaca, probability: float) -> None:
-    model.hypotheses.net_log_weight.copy_(
-        torch.tensor([1.0 - probability, probability], dtype=torch.float64).log()
-    )
+    return _frozen(build_model(rover, [soil], prior=prior))
 
 
 def _frozen(model: PAlpaca) -> PAlpaca:

@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -19,6 +20,7 @@ from terrain_estimator.learning.loss import (
     whiten,
 )
 from terrain_estimator.learning.regression import Regression, distinct_rows
+from terrain_estimator.model.constant_columns import ConstantColumns
 from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics import Physics, RoverBody
@@ -77,37 +79,46 @@ def body_of(rover: Rover) -> RoverBody:
 def build_model(
     rover: Rover,
     soils: Sequence[Soil],
-    columns: int,
-    hidden: int,
+    columns: int = 0,
+    hidden: int = 1,
     prior: Prior = DEFAULT_PRIOR,
     *,
     moments: bool = True,
 ) -> PAlpaca:
-    """Return an untrained model of a rover with these soils.
+    """Return the model of a rover with these soils: its physics, and an untrained net.
 
-    With ``moments`` its net has columns in the moment rows, too.
+    Without ``columns`` there is no net. With ``moments`` it has columns in the moment rows, too.
     """
-    body = body_of(rover)
+    constants = torch.stack([soil.constants() for soil in soils])
+    physics = Physics(body_of(rover), constants, prior.constants_sd)
+    net = _net(rover, columns, hidden, moments=moments) if columns else _no_net(rover)
+    if law_of(soils) == SCM:
+        return PAlpaca(PhysicsByLaw(physics, ScmStresses()), net, prior)
+    return PAlpaca(physics, net, prior)
+
+
+def _no_net(rover: Rover) -> NetFeatures:
+    """Return no columns, with the methods of a net."""
+    none = torch.zeros(len(row_names(rover.axles)), 0, dtype=torch.float64)
+    return cast("NetFeatures", ConstantColumns(none))
+
+
+def _net(rover: Rover, columns: int, hidden: int, *, moments: bool) -> NetFeatures:
     torque = 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
     # scale of a learnt effect in each row
     sizes = [
         0.05 * rover.gravity,
         0.05,
-        *([0.05 * torque] * body.axles),
+        *([0.05 * torque] * rover.axles),
         *([0.05] * (1 + len(rover.suspension)) if moments else []),
     ]
-    net = NetFeatures(
-        body.axles,
+    return NetFeatures(
+        rover.axles,
         columns,
         hidden,
         0.1 * rover.wheel_radius,
         torch.tensor(sizes, dtype=torch.float64),
     )
-    constants = torch.stack([soil.constants() for soil in soils])
-    physics = Physics(body, constants, prior.constants_sd)
-    if law_of(soils) == SCM:
-        return PAlpaca(PhysicsByLaw(physics, ScmStresses()), net, prior)
-    return PAlpaca(physics, net, prior)
 
 
 def law_of(soils: Sequence[Soil]) -> str:

@@ -75,9 +75,7 @@ def join(known: Solved, new: Solved) -> Solved:
         torch.cat([first.posterior.precision, second.posterior.precision]),
         torch.cat([first.posterior.log_weight, second.posterior.log_weight]),
     )
-    solution = Solution(
-        posterior, torch.cat([first.misfit, second.misfit]), torch.cat([first.noise, second.noise])
-    )
+    solution = Solution(posterior, torch.cat([first.misfit, second.misfit]))
     return Solved(solution, torch.cat([known.age, new.age]), torch.cat([known.kind, new.kind]))
 
 
@@ -90,17 +88,6 @@ def log_physical(mean: Tensor, covariance: Tensor) -> Tensor:
     variance = torch.diagonal(covariance, dim1=-2, dim2=-1).narrow(1, 0, 2)
     mass = 0.5 * torch.special.erfc(-mean.narrow(1, 0, 2) / (2.0 * variance).sqrt())
     return torch.log(mass.clamp(min=1e-300)).sum(1)
-
-
-def shared_noise(solved: Solved) -> Tensor:
-    """Return log det of the rows' covariance [H], averaged over siblings with their weights.
-
-    It belongs to the evidence between posteriors of different age or kind. Between siblings it
-    would bring back the bias of noisy regressors, so they share their mean of it.
-    """
-    weight = torch.softmax(solved.solution.posterior.log_weight, 0)
-    share = (siblings(solved.age, solved.kind) * weight).clamp(min=1e-300)
-    return (share @ solved.solution.noise) / share.sum(1)
 
 
 def weigh(posterior: Posterior, age: Tensor, kind: Tensor) -> Bank:

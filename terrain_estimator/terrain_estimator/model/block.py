@@ -159,7 +159,6 @@ class Solution(NamedTuple):
 
     posterior: Posterior  # over D + 1 parameters
     misfit: Tensor  # [H] at the minimum
-    noise: Tensor  # [H] log det of the covariance of the rows there
 
 
 def row_noise(rows: BlockRows, theta: Tensor) -> tuple[Tensor, Tensor]:
@@ -374,13 +373,17 @@ def solve_block(
 
 
 def solution_of(prior: Posterior, last: GaussNewtonStep, rows: BlockRows) -> Solution:
-    """Return the posteriors after the ``last`` step from ``prior`` over D parameters."""
+    """Return the posteriors after the ``last`` step from ``prior`` over D parameters.
+
+    Their evidence has no log det S of the rows' covariance. What the inputs' noise moves is
+    r = (true misfit) - G(theta) e, of covariance S(theta) on every ground, also a wrong one: so
+    r' S^-1 r, with e at its most probable value, compares grounds fairly. log det S would add half
+    of log(det S_1 / det S_2) a block in favour of the one on which the same errors move less.
+    """
     step = without_velocity_bias(without_apparent(last, rows), rows)
     before = log_determinant(cholesky(prior.precision))
     velocity = step.precision.select(-1, -1).select(-1, -1)
     log_weight = prior.log_weight - 0.5 * (
         step.misfit + log_determinant(step.factor) - torch.log(velocity) - before
     )
-    return Solution(
-        Posterior(step.mean, step.precision, log_weight), step.misfit, log_determinant(step.noise)
-    )
+    return Solution(Posterior(step.mean, step.precision, log_weight), step.misfit)

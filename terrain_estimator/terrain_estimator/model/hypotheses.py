@@ -11,24 +11,25 @@ from terrain_estimator.model.bank import (
     log_physical,
     merge,
     prune,
-    shared_noise,
     take,
     weigh,
 )
 from terrain_estimator.model.block import Posterior, Solution
 from terrain_estimator.model.gaussian import cholesky, drop, mixture, random_walk
-from terrain_estimator.model.parameters import ParameterLayout
+from terrain_estimator.model.parameters import FIRST_LEARNT, ParameterLayout
 from terrain_estimator.model.prior import Prior
 from terrain_estimator.model.rows import PA_PER_UNIT
 from terrain_estimator.model.velocity import OPEN
 from terramechanics.numerics.batching import any_of
 
 BANK = 9
-"""Posteriors that are kept, for each soil with and without the net."""
+"""Posteriors that are kept for each soil; where there is a net, as many more with it."""
 WITH_NET = 3e-3
 """[1] Prior probability of the net: the physics hold until the data contradict them by 6 nat."""
 ZERO_PRECISION = 1e12
 """[1] Precision of a net weight that leaves it at zero."""
+ALIKE = 1.0 - 1e-9
+"""[1] Share of the largest probability from which two soils are equally probable."""
 NEGLIGIBLE = 14.0
 """[nat] A posterior whose weight is e^-14 of the best one's is dropped."""
 NEAREST = 0.3
@@ -63,9 +64,11 @@ class Hypotheses(nn.Module):
     def __init__(self, prior: Prior, layout: ParameterLayout, soils: int) -> None:
         """Take the prior, the order of the parameters and the number K of known soils."""
         super().__init__()
-        self.layout, self.known_soils, self.bank = layout, soils, 2 * soils * BANK
+        self.layout, self.known_soils = layout, soils
+        self.choices = 1 if layout.first_constant == FIRST_LEARNT else 2  # with the net, too
+        self.bank = self.choices * soils * BANK
         self.negligible, self.nearest, self.surprise = NEGLIGIBLE, NEAREST, SURPRISE
-        self.zero_precision = ZERO_PRECISION
+        self.zero_precision, self.alike = ZERO_PRECISION, ALIKE
         # Buffers, not literals in the methods: TorchScript rounds the numbers of
         # torch.tensor([...]) to float32.
         place = torch.tensor([-1.2, 0.0, 1.2], dtype=torch.float64)
@@ -84,36 +87,36 @@ class Hypotheses(nn.Module):
             ("rover_precision", [*_rover_precision(prior), OPEN]),
             ("prior_mean", [prior.cohesion_pa, prior.tan_phi]),
             ("prior_sd", [prior.cohesion_sd_pa, prior.tan_phi_sd]),
-            ("net_precision", [1.0] * (layout.first_constant - 2)),
+            ("net_precision", [1.0] * (layout.first_constant - FIRST_LEARNT)),
             ("unit", [PA_PER_UNIT, 1.0]),
         ):
             self.register_buffer(name, torch.tensor(values, dtype=torch.float64))
         # log prior probability of the physics alone, and of the net beside them
-        trust = torch.tensor([1.0 - WITH_NET, WITH_NET], dtype=torch.float64).log()
-        self.register_buffer("net_log_weight", trust)
+        trust = [1.0] if self.choices == 1 else [1.0 - WITH_NET, WITH_NET]
+        self.register_buffer("net_log_weight", torch.tensor(trust, dtype=torch.float64).log())
 
     def first(self, state: dict[str, Tensor]) -> Bank:
-        """Return the first bank: on each soil a grid over the prior, without and with the net."""
+        """Return the first bank: on each soil a grid over the prior, without a net and with it."""
         mean, sd = state["prior_mean"], state["prior_sd"]
         start = torch.zeros(
             self.known_soils, self.offsets.shape[0], self.layout.size, dtype=torch.float64
         )
         start[:, :, :2] = mean + self.offsets * sd
-        start = start.flatten(0, 1).repeat(2, 1)
-        kind = torch.arange(2 * self.known_soils).repeat_interleave(self.offsets.shape[0])
+        start = start.flatten(0, 1).repeat(self.choices, 1)
+        kind = torch.arange(self.choices * self.known_soils)
+        kind = kind.repeat_interleave(self.offsets.shape[0])
         strength = (self.offset_spread * sd) ** -2.0
         without_net = torch.full_like(self.net_precision, self.zero_precision)
-        precision = torch.stack(
-            [
-                self.diagonal(strength, without_net, self.rover_precision),
-                self.diagonal(strength, self.net_precision, self.rover_precision),
-            ]
-        ).repeat_interleave(start.shape[0] // 2, 0)
+        precisions = [self.diagonal(strength, without_net, self.rover_precision)]
+        if self.choices > 1:
+            precisions.append(self.diagonal(strength, self.net_precision, self.rover_precision))
+        precision = torch.stack(precisions)
+        precision = precision.repeat_interleave(start.shape[0] // self.choices, 0)
         age = torch.full((start.shape[0],), 1e9, dtype=torch.float64)
         bank = weigh(Posterior(start, precision, age), age, kind)
         # so that the mixture is exactly the prior, whatever it puts on negative c or tan phi
         weight = (
-            self.net_log_weight.view(2, 1, 1)
+            self.net_log_weight.view(-1, 1, 1)
             + state["log_soils"].unsqueeze(1)
             + self.offset_log_weight
         ).flatten()
@@ -177,9 +180,7 @@ class Hypotheses(nn.Module):
         posterior = solved.solution.posterior
         mean, precision = drop(posterior.mean, posterior.precision, self.layout.size - 1)
         bank = weigh(
-            Posterior(mean, precision, posterior.log_weight - 0.5 * shared_noise(solved)),
-            solved.age + 1.0,
-            solved.kind,
+            Posterior(mean, precision, posterior.log_weight), solved.age + 1.0, solved.kind
         )
         kept = torch.topk(bank.weight, min(self.bank, bank.weight.shape[0]))[1]
         bank = prune(take(bank, kept), self.negligible)
@@ -216,7 +217,14 @@ class Hypotheses(nn.Module):
 
     def leading(self, soils: Tensor) -> Tensor:
         """Return which soil is the most probable one, bool [K]."""
-        return torch.arange(self.known_soils) == soils.argmax()
+        return torch.arange(self.known_soils) == self.most_probable(soils)
+
+    def most_probable(self, soils: Tensor) -> Tensor:
+        """Return the index [] of the most probable soil.
+
+        Of soils alike it is the first, also where their sums were rounded in another order.
+        """
+        return (soils >= self.alike * soils.amax()).to(torch.float64).argmax()
 
     def expansion(
         self, mean: Tensor, weight: Tensor, share: Tensor, soils: Tensor, prior: Tensor

@@ -290,7 +290,7 @@ class PAlpaca(nn.Module):
         state = self.hypotheses.diffuse(state, seconds)
         learnt = self.learnt(packed)
         solved, soil_rows = self.solve_active(state, packed, learnt)
-        leading = int(state["soils"].argmax())
+        leading = int(self.hypotheses.most_probable(state["soils"]))
         first = list(soil_rows.keys())[0]  # noqa: RUF015 (TorchScript has no next)
         missed = self.missed(state, soil_rows[leading if leading in soil_rows else first], seconds)
         degrees = soil_rows[first].rows.present.sum() - 1.0
@@ -298,7 +298,7 @@ class PAlpaca(nn.Module):
             solved, soil_rows = self.solve_restarted(state, packed, learnt, solved, soil_rows)
         bank, misfit = self.hypotheses.select(solved)
         state = self.publish(state, without_inactive(bank))
-        leading = int(state["soils"].argmax())
+        leading = int(self.hypotheses.most_probable(state["soils"]))
         noise = soil_rows[leading if leading in soil_rows else first].noise
         state = self.finish(state, noise, misfit, degrees)
         state["single_misses"], state["white_misses"] = missed.single, missed.white

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 from terrain_estimator.model.block import FIXED
 
+FIRST_LEARNT = 2
+"""Place of the first weight of the net, if there is one: behind c and tan phi."""
 ROVER_PARAMETERS = FIXED - 1
 """Parameters of the rover, not of the ground: mass, centre of mass, acceleration bias, velocity."""
 
@@ -27,8 +29,9 @@ class ParameterLayout(NamedTuple):
 
 def parameter_layout(net: int, constants: int, effects: int) -> ParameterLayout:
     """Return the layout with these numbers of net weights, soil constants and effects' values."""
-    first_effect = 2 + net + constants
+    first_constant = FIRST_LEARNT + net
+    first_effect = first_constant + constants
     first_fixed = first_effect + effects
     return ParameterLayout(
-        2 + net, first_effect, first_fixed, first_fixed + ROVER_PARAMETERS, constants
+        first_constant, first_effect, first_fixed, first_fixed + ROVER_PARAMETERS, constants
     )

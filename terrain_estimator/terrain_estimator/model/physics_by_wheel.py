@@ -25,7 +25,6 @@ from torch import Tensor, nn
 
 from terrain_estimator.model.agreement import LARGEST_ERROR, Agreement
 from terrain_estimator.model.block import block_rows, row_weights, velocity_twice
-from terrain_estimator.model.body_columns import observed_columns
 from terrain_estimator.model.body_motion import (
     BodyMotion,
     block_slopes,
@@ -33,6 +32,7 @@ from terrain_estimator.model.body_motion import (
     moves,
     safe_motion,
 )
+from terrain_estimator.model.constant_columns import observed_columns
 from terrain_estimator.model.gaussian import cholesky
 from terrain_estimator.model.levers_by_wheel import levers_by_wheel, levers_of_banks
 from terrain_estimator.model.packing import (

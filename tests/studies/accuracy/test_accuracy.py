@@ -43,7 +43,7 @@ def test_median_errors_of_the_papers_rover_on_loose_sand_are_at_most_ten_percent
     assert (relative <= 0.10).all(), relative
 
     view_of(tasks.true, model.rover.axles).acceleration.fill_(torch.nan)
-    physics = build_model(model.rover, model.metadata.soils, columns=1, hidden=1)
+    physics = build_model(model.rover, model.metadata.soils)
     bound = cramer_rao(physics, tasks).diagonal(dim1=1, dim2=2).sqrt()
     ratio = (error / bound).median(0).values / HALF_NORMAL_MEDIAN
     assert (ratio < 1.5).all(), ratio

@@ -23,7 +23,7 @@ def drives() -> MeasuredDrives:
 def test_the_share_of_the_net_takes_the_soil_that_is_driven_on_and_stops_where_a_drive_ends(
     drives: MeasuredDrives,
 ) -> None:
-    model = restore(load_model("mars_rover"))
+    model = restore(load_model("mars_rover_with_net"))
     mean = torch.full((2, model.layout.first_constant + 12), 0.1, dtype=torch.float64)
     mean[:, :2] = drives.tasks.strength
     trace: Any = SimpleNamespace(final=mean)

@@ -20,7 +20,7 @@ def with_net(state: State, soils: int) -> float:
 
 
 def test_the_net_starts_with_its_prior_probability_and_changes_nothing_of_the_prior() -> None:
-    model = restore(load_model("mars_rover"))
+    model = restore(load_model("mars_rover_with_net"))
     state = model.initial()
     assert with_net(state, model.known_soils) == pytest.approx(WITH_NET, rel=1e-12)
     torch.testing.assert_close(state["soils"], torch.full((3,), 1.0 / 3.0, dtype=torch.float64))
@@ -37,7 +37,7 @@ def test_a_drive_with_a_hidden_drag_turns_to_the_net_and_one_without_does_not(
     plant: Plant | None, *, chosen: bool
 ) -> None:
     """Draw one drive of 10 s each."""
-    loaded = load_model("mars_rover")
+    loaded = load_model("mars_rover_with_net")
     drive = draw_tasks(
         loaded.rover,
         loaded.metadata.soils[0],

@@ -13,7 +13,6 @@ import pytest
 
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
-from terrain_estimator.estimator.summary import Beliefs
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Observation
@@ -95,39 +94,6 @@ def test_noise_that_is_too_large_is_unconfirmed_before_it_disagrees(model: Loade
 def test_a_rover_that_states_too_much_noise_agrees(model: LoadedModel) -> None:
     updates = answered(model, [claimed(each, 2.0) for each in drive(model, 0)])
     assert not any(each.disagreements for each in updates)
-
-
-def test_without_moments_the_soil_has_to_be_named(model: LoadedModel) -> None:
-    observations = drive(model, 0)
-    lacking = CoreConfig(use_moments=False)
-    known = dataclasses.replace(lacking, prior_soil=model.metadata.soils[0].name)
-    for config, named in ((lacking, False), (known, True)):
-        estimator = Estimator(model, config)
-        updates = [estimator.update(each) for each in observations]
-        assert any(any(each.estimate.identified) for each in updates) is named
-        said = [each.unconfirmed for each in updates if "set prior.soil" in each.unconfirmed]
-        assert bool(said) is not named
-        assert all(each.startswith("use_moments false: ") for each in said)
-
-
-@pytest.mark.parametrize(
-    ("config", "words"),
-    [
-        (CoreConfig(), ""),
-        (CoreConfig(use_torque=False), "use_torque false"),
-        (CoreConfig(use_torque=False, use_moments=False), "use_torque and use_moments false"),
-        (CoreConfig(use_torque=False, prior_soil="loose_sand"), ""),
-    ],
-)
-def test_rows_that_do_not_tell_soils_apart_are_named(
-    model: LoadedModel, config: CoreConfig, words: str
-) -> None:
-    metadata = model.metadata
-    found = Beliefs.of(metadata, config).soil_unknown(config)
-    assert found.startswith(words)
-    assert bool(found) is bool(words)
-    one = dataclasses.replace(metadata, soils=metadata.soils[:1])
-    assert Beliefs.of(one, config).soil_unknown(config) == ""
 
 
 def observations_s(seconds: float) -> int:

@@ -19,7 +19,6 @@ from terrain_estimator.model.bank import (
     log_physical,
     merge,
     prune,
-    shared_noise,
     siblings,
     take,
     weigh,
@@ -46,7 +45,7 @@ def solved(count: int, size: int = 3, seed: int = 0) -> Solved:
     posterior = Posterior(
         normal(count, size, seed=seed), definite(count, size, seed), normal(count, seed=seed + 1)
     )
-    solution = Solution(posterior, normal(count, seed=seed + 2), normal(count, seed=seed + 3))
+    solution = Solution(posterior, normal(count, seed=seed + 2))
     return Solved(solution, torch.arange(float(count)), torch.arange(count))
 
 
@@ -90,22 +89,6 @@ def test_the_physical_mass_is_that_of_two_normal_variables_above_zero() -> None:
 def test_a_hypothesis_far_below_zero_keeps_a_finite_weight() -> None:
     found = float(log_physical(vector(-1e6, 1.0, 0.0)[None], torch.eye(3).double()[None])[0])
     assert found == pytest.approx(300.0 * math.log(0.1) + stats.norm.logcdf(1.0), rel=1e-9)
-
-
-def test_siblings_share_the_mean_of_their_noise_and_others_keep_theirs() -> None:
-    hypotheses = solved(4)._replace(age=vector(1, 1, 2, 1), kind=torch.tensor([0, 0, 0, 1]))
-    weight = hypotheses.solution.posterior.log_weight.exp()
-    noise = hypotheses.solution.noise
-    mean = float((weight[:2] @ noise[:2]) / weight[:2].sum())
-    found = shared_noise(hypotheses)
-    np.testing.assert_allclose(found, [mean, mean, float(noise[2]), float(noise[3])], rtol=1e-12)
-
-
-def test_the_noise_of_a_hypothesis_that_weighs_nothing_is_a_number() -> None:
-    hypotheses = solved(2)
-    posterior = hypotheses.solution.posterior._replace(log_weight=vector(0.0, -math.inf))
-    dead = hypotheses._replace(solution=hypotheses.solution._replace(posterior=posterior))
-    assert bool(torch.isfinite(shared_noise(dead)).all())
 
 
 def test_a_weighed_bank_has_the_inverse_and_the_physical_weight_of_each_posterior() -> None:

@@ -112,4 +112,4 @@ def test_soils_of_two_laws_are_refused() -> None:
     with pytest.raises(
         ConfigError, match="one contact law, not scm and wong_reece: loose_sand has"
     ):
-        build_model(ROVER, [LOOSE, SCM_SAND], columns=1, hidden=1)
+        build_model(ROVER, [LOOSE, SCM_SAND])

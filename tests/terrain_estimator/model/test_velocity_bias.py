@@ -29,7 +29,7 @@ from terrain_estimator.model.block import (
     without_apparent,
     without_velocity_bias,
 )
-from terrain_estimator.model.gaussian import drop, log_determinant
+from terrain_estimator.model.gaussian import drop
 from terrain_estimator.model.row_names import row_names
 from terrain_estimator.model.rows import Rows
 
@@ -94,7 +94,7 @@ def as_if_known(prior: Posterior, last: GaussNewtonStep, rows: BlockRows) -> Sol
     """Return the solution of a block as if its last velocity were known for good."""
     step = without_apparent(last, rows)
     posterior = Posterior(step.mean, step.precision, prior.log_weight)
-    return Solution(posterior, step.misfit, log_determinant(step.noise))
+    return Solution(posterior, step.misfit)
 
 
 def test_a_velocity_that_is_known_better_later_leaves_no_bias(

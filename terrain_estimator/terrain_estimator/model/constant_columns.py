@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Columns of parameters of a rover's body, in the place of a net's."""
+"""Columns that stand in the place of a net's: those of a rover's body, or none."""
 
 import torch
 from torch import Tensor, nn
@@ -29,13 +29,13 @@ def observed_columns(
     return found
 
 
-class BodyColumns(nn.Module):
+class ConstantColumns(nn.Module):
     """Constant columns with the methods of :class:`~terrain_estimator.model.net.NetFeatures`."""
 
     table: Tensor
 
     def __init__(self, table: Tensor) -> None:
-        """Take the columns [R, K] of K parameters in all rows."""
+        """Take the columns [R, K] of K parameters in all rows; K may be 0."""
         super().__init__()
         self.columns = table.shape[1]
         self.register_buffer("table", table)
