@@ -132,8 +132,7 @@ class WholeDrive:
                 possible = (
                     log_density[(theta > 0.0).all(1)].logsumexp(0) + scale.diagonal().log().sum()
                 )
-                noise = torch.logdet(self._covariance(self.start(found), rows)).sum()
-                return Belief(possible - 0.5 * noise, found[:2], scale @ spread @ scale.T)
+                return Belief(possible, found[:2], scale @ spread @ scale.T)
             step = float(axis[1] - axis[0])
             # of a posterior that is narrower than a step nothing is seen but its place
             place, scale = found, scale @ torch.linalg.cholesky(spread + unit * step**2 / 12.0)

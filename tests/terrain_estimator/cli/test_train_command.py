@@ -18,7 +18,7 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.cli import train
 from terrain_estimator.learning.generation import Order
 from terrain_estimator.learning.restore import restore
-from terrain_estimator.model.metadata import MODELS, ModelFileError
+from terrain_estimator.model.metadata import MODELS, ModelFileError, model_names
 from terrain_estimator.model.model_file import load_model
 from terramechanics.presets import load_rover, load_soil
 
@@ -38,12 +38,13 @@ SMALL = [
 ]
 
 
-@pytest.mark.parametrize("name", ["mars_rover", "paper_rover"])
+@pytest.mark.parametrize("name", model_names())
 def test_a_model_that_ships_holds_its_options_and_no_folder(name: str) -> None:
     training = load_model(name).metadata.training
-    assert train.recipe_of(train._parser().parse_args(training.options)) == train.recipe_of(
-        train._parser().parse_args(["--rover", name])
-    )
+    own = ["--columns", "6"] if name.endswith("_with_net") else []
+    given, wanted = (train._parser().parse_args(each) for each in (training.options, own))
+    assert train.recipe_of(given) == train.recipe_of(wanted)
+    assert given.constants_sd == wanted.constants_sd
     with zipfile.ZipFile(MODELS / f"{name}.pt") as archive:
         assert not [each for each in archive.namelist() if each.endswith("debug_pkl")]
 
@@ -60,7 +61,7 @@ def test_two_processes_give_one_file(tmp_path: Path) -> None:
             check=True,
             capture_output=True,
         )
-        contents.append((folder / "mars_rover-loose_sand.pt").read_bytes())
+        contents.append((folder / "mars_rover-loose_sand_with_net.pt").read_bytes())
     assert contents[0] == contents[1]
 
 
@@ -82,7 +83,7 @@ def test_two_trainings_give_one_file_that_says_how_it_came_about(
         )
     assert call(tmp_path / "alone") == 0
     first, second = (
-        tmp_path / folder / "mars_rover-loose_sand.pt" for folder in ("cluster", "alone")
+        tmp_path / folder / "mars_rover-loose_sand_with_net.pt" for folder in ("cluster", "alone")
     )
     assert first.read_bytes() == second.read_bytes()
     assert first.with_suffix(".json").read_bytes() == second.with_suffix(".json").read_bytes()
@@ -118,6 +119,24 @@ def test_two_trainings_give_one_file_that_says_how_it_came_about(
     assert {path.name: path.read_bytes() for path in (tmp_path / "alone").iterdir()} == kept
 
 
+def test_a_model_without_a_net_needs_no_drive_and_is_the_same_from_every_seed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(train, "draw", None)
+    for seed in ("0", "1"):
+        folder = str(tmp_path / seed)
+        assert train.main(["--seed", seed, "--out", folder, "--curves", folder]) == 0
+    assert "loss" not in capsys.readouterr().out
+    for name in ("mars_rover", "paper_rover"):
+        first, second = (tmp_path / seed / f"{name}.pt" for seed in ("0", "1"))
+        assert first.read_bytes() == second.read_bytes() == (MODELS / f"{name}.pt").read_bytes()
+        made = load_model(str(first)).metadata
+        assert not any(each.startswith("net_") for each in made.parameters)
+        assert made == load_model(name).metadata
+        assert made.training.options == ("--columns=0", f"--constants-sd={0.05 / 3**0.5}")
+        assert not first.with_suffix(".png").exists()
+
+
 def test_installed_models_are_not_replaced(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -147,7 +166,7 @@ def test_an_impossible_deviation_of_the_constants_is_refused(
         ("--seed", "-1"),
         ("--tasks", "19"),
         ("--iterations", "0"),
-        ("--columns", "0"),
+        ("--columns", "-1"),
         ("--hidden", "0"),
         ("--workers", "-1"),
         ("--hidden-effects", "2"),

@@ -205,12 +205,13 @@ def test_the_widest_registers_that_a_processor_has_are_taken(
 
 def test_general_forms_give_the_bytes_of_fixed_ones(folder: Path, tmp_path: Path) -> None:
     written = (folder / MODEL).read_text()
-    assert [name for name in FUNCTIONS if f" {name}_fixed_0(" not in written] == []
+    general = [name for name in FUNCTIONS if f" {name}_fixed_0(" not in written]
+    assert general == ["learnt"]  # without a net it returns a tensor of no elements
     build_core(folder, tmp_path / "general.so", "-O1", "-DTERRAIN_GENERAL")
     plain = load_model("mars_rover")
-    general = CompiledRuntime(CompiledModel(tmp_path / "general.so"))
+    unfixed = CompiledRuntime(CompiledModel(tmp_path / "general.so"))
     one = Estimator(with_core(plain, "mars_rover"), CoreConfig())
-    other = Estimator(dataclasses.replace(plain, runtime=general), CoreConfig())
+    other = Estimator(dataclasses.replace(plain, runtime=unfixed), CoreConfig())
     hypotheses = set()
     for observation in hostile(observed_drive(60.0)):
         one.update(observation)

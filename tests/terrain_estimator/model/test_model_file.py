@@ -158,7 +158,7 @@ def test_a_missing_sidecar_and_an_unknown_name_are_refused(copied: Path) -> None
         ModelFileError,
         match=(
             r"no such file; give the path of a .pt file, or an installed model: mars_rover,"
-            r" paper_rover"
+            r" mars_rover_with_net, paper_rover, paper_rover_with_net"
         ),
     ):
         load_model("moon_rover")

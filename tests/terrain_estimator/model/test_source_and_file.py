@@ -12,6 +12,7 @@ from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.tasks import draw_tasks
 from terrain_estimator.model.hypotheses import HAZARD, ZERO_PRECISION
 from terrain_estimator.model.loaded import LoadedModel
+from terrain_estimator.model.metadata import model_names
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.packed_observation import BLOCK, PACKED_SCALAR_FIELDS
 from terrain_estimator.model.palpaca import PAlpaca
@@ -50,7 +51,7 @@ def troubled(loaded: LoadedModel) -> Tensor:
     return packed
 
 
-@pytest.fixture(name="pair", scope="module", params=["mars_rover", "paper_rover"])
+@pytest.fixture(name="pair", scope="module", params=model_names())
 def source_and_file(request: pytest.FixtureRequest) -> tuple[PAlpaca, LoadedModel]:
     loaded = load_model(request.param)
     return restore(loaded), loaded
@@ -99,7 +100,7 @@ def test_a_users_prior_gives_the_same_states(pair: tuple[PAlpaca, LoadedModel]) 
 
 @pytest.fixture(name="model", scope="module")
 def python_model() -> PAlpaca:
-    return restore(load_model("mars_rover"))
+    return restore(load_model("mars_rover_with_net"))
 
 
 @pytest.fixture(name="observations", scope="module")
