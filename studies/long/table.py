@@ -59,7 +59,14 @@ seed {seed}. c and tan phi are drawn from the models' prior. The estimator is th
 with the models that ship: it screens, gates and has to find the soil among three.
 
 """
+SUMMARY = (
+    *("rover", "constants", "rows", "after s", "drives", "covered %", "shift", "error %"),
+    *("IDENTIFIED %", "targets missed after"),
+)
 TERMS = """
+Of two figures the first is that of c, the second that of tan phi. All times stand below, with
+limits.
+
 - **Constants.** "5 %": each of the six soil constants is wrong by up to 5 %.
 - **Rows.** v velocity, L load, M wheel torques; "all" has the moment balances and the
   accelerometer, too.
@@ -75,28 +82,79 @@ TERMS = """
 def page(found: Sequence[LongLine], when: str, seed: int) -> str:
     """Return the whole page."""
     low, high = (100.0 * limit for limit in COVERED)
-    columns = ("error %", "of bound", "covered %", "shift", "IDENTIFIED %")
-    head = (
-        *("rover", "constants", "rows", "after s", "drives"),
-        *(f"{name} {column}" for name in ("c", "tan phi") for column in columns),
-        "missed",
-    )
     parts = (
         licence("long"),
         PAGE.format(measured=when, seed=seed),
-        table(head, map(_cells_of, found)),
+        table(SUMMARY, map(_summed, _together(found))),
         TERMS.format(low=low, high=high, shift=LARGEST_SHIFT),
+        "".join(f"\n## {name}\n\n{_details(lines)}" for name, lines in _by_rover(found)),
     )
     return "".join(parts)
+
+
+def _together(found: Sequence[LongLine]) -> list[list[LongLine]]:
+    """Return the lines of the same drives and rows, which differ in their times alone."""
+    groups: list[list[LongLine]] = []
+    for line in found:
+        last = groups[-1][-1] if groups else None
+        if last and _place(last) == _place(line) and last.after_s < line.after_s:
+            groups[-1].append(line)
+        else:
+            groups.append([line])
+    return groups
+
+
+def _place(line: LongLine) -> tuple[str, float, str]:
+    return line.rover, line.spread, line.rows
+
+
+def _summed(group: Sequence[LongLine]) -> list[str]:
+    """Return the cells of the lines of the same drives: the last time, and what any missed."""
+    last = group[-1]
+    pair = (last.cohesion, last.tan_phi)
+    missed = {f"{line.after_s:g} s" for line in group if _missed_of(line)}
+    return [
+        *_cells_of_place(last),
+        f"{last.after_s:g}",
+        str(last.drives),
+        " / ".join(f"{100.0 * score.inside_95.value:.0f}" for score in pair),
+        " / ".join(f"{score.shift.value:+.2f}" for score in pair),
+        " / ".join(f"{100.0 * score.median_error:.1f}" for score in pair),
+        " / ".join(f"{100.0 * score.identified:.0f}" for score in pair),
+        ", ".join(sorted(missed, key=lambda text: float(text.split()[0]))) or "none",
+    ]
+
+
+def _by_rover(found: Sequence[LongLine]) -> list[tuple[str, list[LongLine]]]:
+    names = dict.fromkeys(line.rover for line in found)
+    return [(name, [line for line in found if line.rover == name]) for name in names]
+
+
+def _details(found: Sequence[LongLine]) -> str:
+    columns = ("error %", "of bound", "covered %", "shift", "IDENTIFIED %")
+    head = (
+        *("constants", "rows", "after s", "drives"),
+        *(f"{name} {column}" for name in ("c", "tan phi") for column in columns),
+        "missed",
+    )
+    return table(head, map(_cells_of, found))
 
 
 def _cells_of(line: LongLine) -> list[str]:
     scores = {"c": line.cohesion, "tan phi": line.tan_phi}
     texts = [text for score in scores.values() for text in _said(score)]
-    missed = [f"{name} {what}" for name, score in scores.items() for what in _missed(score)]
+    place = (*_cells_of_place(line)[1:], f"{line.after_s:g}", str(line.drives))
+    return [*place, *texts, ", ".join(_missed_of(line))]
+
+
+def _cells_of_place(line: LongLine) -> tuple[str, str, str]:
     constants = f"{100.0 * line.spread:g} %" if line.spread else "exact"
-    place = (line.rover.removesuffix("_rover"), constants, line.rows, f"{line.after_s:g}")
-    return [*place, str(line.drives), *texts, ", ".join(missed)]
+    return line.rover.removesuffix("_rover"), constants, line.rows
+
+
+def _missed_of(line: LongLine) -> list[str]:
+    scores = {"c": line.cohesion, "tan phi": line.tan_phi}
+    return [f"{name} {what}" for name, score in scores.items() for what in _missed(score)]
 
 
 def _said(score: StrengthScore) -> tuple[str, ...]:

@@ -311,7 +311,7 @@ def warm_up(model: LoadedModel, config: EstimatorConfig) -> None:
                 * model.rover.weight
                 / len(model.rover.wheels)
                 * axles,
-                torque_sd=0.1
+                torque_sd=0.5
                 * model.rover.wheel_radius
                 * model.rover.weight
                 / len(model.rover.wheels)

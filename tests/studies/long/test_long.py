@@ -29,10 +29,13 @@ def test_coverage_and_shift_are_judged_after_each_time() -> None:
     assert second.tan_phi.inside_95.value == 1.0
     assert second.tan_phi.shift.value == pytest.approx(1.0)
     assert second.cohesion.median_error == pytest.approx(0.05)
-    rows = [row for row in page([first, second], "Measured.", 7).splitlines() if "| paper" in row]
-    assert rows[0].startswith("| paper | exact | v+L | 40 | 200 | 0.0 |  | 90.0 (")
-    assert rows[0].endswith("|  |")
-    assert rows[1].endswith("| c shift, tan phi shift |")
+    written = page([first, second], "Measured.", 7).splitlines()
+    assert "| paper | exact | v+L | 400 | 200 | 100 / 100 | +1.00 / +1.00 |" in "".join(written)
+    assert next(row for row in written if row.startswith("| paper")).endswith("| 400 s |")
+    rows = written[written.index("## paper_rover") :]
+    assert any(row.startswith("| exact | v+L | 40 | 200 | 0.0 |  | 90.0 (") for row in rows)
+    assert rows[-2].endswith("|  |")
+    assert rows[-1].endswith("| c shift, tan phi shift |")
 
 
 def test_the_command_writes_a_page_and_goes_on_where_it_was(

@@ -193,10 +193,10 @@ def test_a_damaged_file_is_refused_by_name(
     [
         ({"state.mean": None}, "mean is missing"),
         (
-            {"state.mean": np.zeros((54, 3))},
-            r"mean is float64 \(54, 3\), the model's is float64 \(54, 17\)",
+            {"state.mean": np.zeros((27, 3))},
+            r"mean is float64 \(27, 3\), the model's is float64 \(27, 11\)",
         ),
-        ({"state.kind": np.zeros(54)}, "kind is float64"),
+        ({"state.kind": np.zeros(27)}, "kind is float64"),
         ({"state.strength_mean": np.full(2, np.nan)}, "not finite"),
         ({"counts": None}, "counts or numbers are missing"),
         ({"last.pitch": None}, "another version's.*pitch"),

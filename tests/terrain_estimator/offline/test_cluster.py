@@ -59,7 +59,8 @@ def test_a_scheduler_that_does_not_answer_is_an_error_that_names_it(
     monkeypatch.setattr("terrain_estimator.offline.cluster.PATIENCE_S", 1.0)
     with pytest.raises(ClusterError, match=r"127\.0\.0\.1:9"), cluster("tcp://127.0.0.1:9"):
         pass
-    assert main(["--rover", "mars_rover", "--scheduler", "tcp://127.0.0.1:9"]) == 2
+    options = ["--rover", "mars_rover", "--columns", "2", "--scheduler", "tcp://127.0.0.1:9"]
+    assert main(options) == 2
     assert "127.0.0.1:9" in capsys.readouterr().err
 
 

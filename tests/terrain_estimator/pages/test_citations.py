@@ -9,7 +9,7 @@ from terrain_estimator.model.metadata import MODELS, read_metadata
 from terrain_estimator.pages.citations import citations
 
 ROOT = Path(__file__).parents[3]
-METADATA = read_metadata(MODELS / "mars_rover.json")
+METADATA = read_metadata(MODELS / "mars_rover_with_net.json")
 
 
 def test_the_literature_of_the_page_about_the_method_is_cited() -> None:
