@@ -134,8 +134,8 @@ standard deviations of the grid posterior, c / tan phi.
 
 """
 NET = """\
-Models with and without learnt columns, on the same drives; "shipped" is the one that ships. All have
-the soil constants as parameters. Physics is the model of the tables above, which takes exact
+Models with and without learnt columns, on the same drives; "shipped" is the one that ships. All
+have the soil constants as parameters. Physics is the model of the tables above, which takes exact
 constants as exact. The share is the rms of the learnt part of a row over that of its nominal part,
 at the last posterior mean.
 

@@ -17,19 +17,20 @@ measured to 5 %):
   regression (Boggs, Byrd and Schnabel 1987), a few Gauss-Newton steps a block.
 
 As that sum is not convex far from its minimum, a small bank of posteriors starts from a grid over
-the prior (a Gaussian sum: Alspach and Sorenson 1972). A model with a net has it twice, without the
-net and with it (a prior of spike and slab: Mitchell and Beauchamp 1988); those that ship have none.
-All run as one batch, and the published posterior is their mixture. The ground may change: where a block surprises, some posteriors are
-started anew from the prior, with the weight of a hazard rate, and after it the best of all are kept
-(Bayesian changepoint detection with a pruned bank: Adams and MacKay 2007). So the estimate re-opens
-where the data contradict it, instead of drifting slowly.
+the prior (a Gaussian sum: Alspach and Sorenson 1972). A model with a net has that grid twice, the
+second time with the net (a prior of spike and slab: Mitchell and Beauchamp 1988). All run as one
+batch, and the published posterior is their mixture. The ground may change: where a block surprises,
+some posteriors are started anew from the prior, with the weight of a hazard rate, and after it the
+best of all are kept (Bayesian changepoint detection with a pruned bank: Adams and MacKay 2007). So
+the estimate re-opens where the data contradict it, instead of drifting slowly.
 
 Between blocks each observation moves a scalar Kalman filter of the velocity, driven by the force
 that the posterior predicts.
 
 The model has four parts: physics (rows of a block), net (learnt columns, or none), velocity filter,
-and the rules of the bank. Each step of an update is a function without branches on tensors; the branches
-are in ``update``, ``close`` and ``solve``. studies/batched.py runs the same steps for many drives.
+and the rules of the bank. Each step of an update is a function without branches on tensors; the
+branches are in ``update``, ``close`` and ``solve``. studies/batched.py runs the same steps for many
+drives.
 """
 
 import torch
