@@ -225,6 +225,16 @@ def test_where_no_side_ploughs_none_is_named(tmp_path: Path) -> None:
     assert finding["gap"]["rows"]["lateral_force"]["before"] < 4.0 * NOISE[2]
 
 
+def test_a_zero_of_a_lateral_force_that_is_left_out_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, wheel = table(tmp_path / "t.csv", [], (0.05,), angles=(0.0, 20.0)), tmp_path / "w.yaml"
+    wheel.write_text("name: testbed\nradius: 0.1\nwidth: 0.08\n", encoding="utf-8")
+    straight = ["--largest-slip-angle", "0", "--lateral-offset-sd", "0.5"]
+    assert main(["--wheel-table", str(path), "--wheel", str(wheel), *straight]) == 2
+    assert "--lateral-offset-sd 0.5: no row that is used has a lateral" in capsys.readouterr().err
+
+
 def test_rows_with_a_slip_angle_have_the_slip_along_the_wheel_and_need_a_lateral_force(
     tmp_path: Path,
 ) -> None:
@@ -336,11 +346,26 @@ def test_an_effect_that_one_wheel_does_not_show_is_refused(
     ("arguments", "said"),
     [
         (("--hold-out-by", "trial"), "there is one trial"),
-        (("--sinkage-sd", "0"), "--sinkage-sd 0: a standard deviation must be above zero"),
+        (("--sinkage-sd", "0"), "--sinkage-sd 0: give a finite number above 0"),
+        (("--sinkage-sd", "inf"), "--sinkage-sd inf: give a finite number above 0"),
         (("--constants-sd", "-1"), "--constants-sd -1"),
         (("--constants-sd", "20"), "--constants-sd 20: it is relative to each constant"),
         (("--pull-sd", "nan"), "--pull-sd nan"),
         (("--lateral-sd", "-1"), "--lateral-sd -1"),
+        (
+            ("--lateral-offset-sd", "0.5"),
+            (
+                "--lateral-offset-sd 0.5: no row that is used has a lateral force, so its zero"
+                " changes nothing: leave the option out, or give a table with a column lateral_"
+            ),
+        ),
+        (
+            ("--torque-offset-sd", "0.3"),
+            (
+                "--torque-offset-sd 0.3: no row that is used has a torque, so its zero changes"
+                " nothing: leave the option out, or give a table with a column torque_Nm"
+            ),
+        ),
         (("--largest-slip-angle", "90"), "--largest-slip-angle 90: give 0 to 89 deg"),
         (
             ("--library", "lateral_bulldozing"),
