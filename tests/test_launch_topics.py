@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The launch file of a rover takes the name of every topic, and shows the rover in RViz."""
+"""The launch files of a rover and of a recording take the name of every topic; RViz."""
 
 import dataclasses
 import re
@@ -19,6 +19,9 @@ from tests.launch_stand_in import Kept, declared, started
 
 ROOT = Path(__file__).parents[1]
 ROVER = ROOT / "terrain_estimator/launch/rover.launch.py"
+REPLAY = ROVER.with_name("replay.launch.py")
+NEEDED: dict[Path, dict[str, str]] = {ROVER: {}, REPLAY: {"bag": "bags/first", "record": "true"}}
+"""Launch files that take topics, and what starts the same nodes with each."""
 ALL = {"planner": "true", "map": "true", "dashboard": "true"}
 DOCUMENTED = set(
     re.findall(
@@ -29,29 +32,52 @@ DOCUMENTED = set(
 )
 ARGUMENT = {"ground_truth/terrain": "ground_truth", "/diagnostics": "diagnostics"}
 """Arguments with another name than their topic."""
+both_files = pytest.mark.parametrize("path", NEEDED, ids=lambda path: path.name)
 
 
 def nodes(path: Path = ROVER, /, **arguments: str) -> dict[str, Kept]:
-    return {node.named["executable"]: node for node in started(path, **arguments)}
+    found = started(path, **NEEDED.get(path, {}), **arguments)
+    return {node.named["executable"]: node for node in found if "executable" in node.named}
 
 
-def test_every_topic_of_the_table_is_an_argument_but_tf_which_follows_the_namespace() -> None:
-    arguments = declared(ROVER)
+@both_files
+def test_every_topic_of_the_table_is_an_argument_but_tf_which_follows_the_namespace(
+    path: Path,
+) -> None:
+    arguments = declared(path)
     topics = DOCUMENTED - {"/tf"}
     assert len(topics) > 12
     assert {ARGUMENT.get(topic, topic) for topic in topics} <= set(arguments)
 
 
+@both_files
 @pytest.mark.parametrize("topic", sorted(DOCUMENTED - {"/tf"}))
-def test_a_topic_that_is_named_has_that_name_in_every_node(topic: str) -> None:
-    found = nodes(**ALL, **{ARGUMENT.get(topic, topic): "/other/name"})
+def test_a_topic_that_is_named_has_that_name_in_every_node(topic: str, path: Path) -> None:
+    found = nodes(path, **ALL, **{ARGUMENT.get(topic, topic): "/other/name"})
     assert len(found) == 5
     for node in found.values():
         assert node.named["remappings"] == [(topic, "/other/name")]
 
 
-def test_without_names_nothing_is_remapped() -> None:
-    assert all(node.named["remappings"] == [] for node in nodes(**ALL).values())
+@both_files
+def test_without_names_nothing_is_remapped(path: Path) -> None:
+    found = nodes(path, **ALL)
+    assert len(found) == 5
+    assert all(node.named["remappings"] == [] for node in found.values())
+
+
+def test_the_inputs_of_a_recording_are_played_by_the_names_that_the_nodes_read() -> None:
+    """A relative name is in the namespace; outputs are not played, whatever they are called."""
+    names = {"odom": "/odometry/filtered", "imu": "imu/data", "terrain_estimate": "/ground"}
+    found = started(REPLAY, **NEEDED[REPLAY], namespace="/rover1/", **names)
+    (command,) = (each.named["cmd"] for each in found if "cmd" in each.named)
+    assert command[command.index("--topics") + 1 :] == [
+        "/rover1/wheel_slip",
+        "/rover1/wheel_sinkage",
+        "/odometry/filtered",
+        "/rover1/joint_states",
+        "/rover1/imu/data",
+    ]
 
 
 def test_names_hold_for_nodes_in_one_process_beside_the_velocity_of_slip_source() -> None:
@@ -70,9 +96,10 @@ def test_names_hold_for_nodes_in_one_process_beside_the_velocity_of_slip_source(
         ({"terrain_map": "odom"}, "terrain_map:=odom: this is the name of odom, too"),
     ],
 )
-def test_names_that_cannot_be_are_refused(given: dict[str, str], words: str) -> None:
+@both_files
+def test_names_that_cannot_be_are_refused(path: Path, given: dict[str, str], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
-        nodes(**given)
+        nodes(path, **given)
 
 
 def test_rviz_comes_with_the_model_of_the_rover_and_our_configuration() -> None:

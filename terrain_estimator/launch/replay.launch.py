@@ -20,11 +20,15 @@ from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
 
-from terrain_estimator.nodes.common.launching import ONE_ROVER, declared
+from terrain_estimator.nodes.common.launching import ONE_ROVER, TOPICS, declared
+from terrain_estimator.offline.topic_mapping import absolute
+from terrain_estimator.topics import INPUT_TYPES
 
-INPUTS = ("wheel_slip", "wheel_sinkage", "odom", "joint_states", "imu")
 ROVER = {
-    "namespace": ("", "of the topics in the bag, and of all nodes"),
+    "namespace": (
+        "",
+        "of all nodes, and of topics, also in the bag, whose names do not begin with /",
+    ),
     **ONE_ROVER,
     "rover": (
         "",
@@ -32,9 +36,13 @@ ROVER = {
     ),
     "record": ("false", "record inputs and the new outputs to another bag"),
     "output": ("", "folder of that bag, must not exist; empty: bags/<UTC time>"),
+    **TOPICS,
 }
 ARGUMENTS = {
-    "bag": (None, "folder of the recording"),
+    "bag": (
+        None,
+        "folder of the recording; where topics in it have other names, give these as odom:=/name",
+    ),
     "rate": ("1.0", "how many times faster than it was recorded"),
     "delay": ("5.0", "[s] in which the nodes start, before the player begins"),
     **ROVER,
@@ -53,12 +61,8 @@ def generate_launch_description() -> LaunchDescription:
 
 def _player(context: LaunchContext) -> list[ExecuteProcess | RegisterEventHandler]:
     """Play the inputs alone: the recorded estimates would mix with the new ones."""
-    value = {
-        name: LaunchConfiguration(name).perform(context)
-        for name in ("bag", "rate", "delay", "namespace")
-    }
-    prefix = f"/{value['namespace'].strip('/')}".rstrip("/")
-    topics = [f"{prefix}/{name}" for name in INPUTS]
+    value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    topics = [absolute(value[name], value["namespace"]) for name in INPUT_TYPES]
     options = [
         "--clock",
         "100",

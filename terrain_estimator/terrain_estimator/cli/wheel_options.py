@@ -10,7 +10,7 @@ from pathlib import Path
 from rover_parameters.numerals import parse_number
 from rover_parameters.records import ConfigError, nearest, shortened
 from terrain_estimator.console.arguments import add_search_options, command_parser, effects
-from terrain_estimator.discovery.single_wheel.cells import ROWS
+from terrain_estimator.discovery.single_wheel.cells import ROWS, Row
 from terrain_estimator.discovery.single_wheel.free_law import MEASURED
 from terrain_estimator.discovery.single_wheel.table import (
     SIDEWAYS_DEG,
@@ -21,6 +21,18 @@ from terrain_estimator.discovery.single_wheel.table import (
 from terrain_estimator.model.rows import PA_PER_UNIT
 from terrain_estimator.offline.run_soils import SOIL
 from terrain_estimator.offline.wheel_finding_content import Measured, ShearBox
+
+OPTIONAL_ROWS = {
+    "lateral_offset_sd": (
+        "lateral_force",
+        "give a table with a column lateral_force_N at slip angles",
+    ),
+    "torque_offset_sd": (
+        "torque",
+        "give a table with a column torque_Nm, or with current_A and --torque-constant",
+    ),
+}
+"""Row of which an option frees the zero, and what gives that row: not every table has it."""
 
 
 def wheel_parser(description: str | None) -> argparse.ArgumentParser:
@@ -201,8 +213,8 @@ def check_options(options: argparse.Namespace) -> None:
     for name in ("pull_offset_sd", "lateral_offset_sd", "torque_offset_sd"):
         if not 0.0 <= getattr(options, name) < math.inf:
             raise ConfigError(
-                f"--{name.replace('_', '-')} {getattr(options, name):g}: a standard deviation is"
-                " not negative"
+                f"{_given(options, name)}: give a finite number, 0 or above; 0 takes the zero as"
+                " known"
             )
     if options.torque_constant is not None and not 0.0 < options.torque_constant < math.inf:
         raise ConfigError(
@@ -216,15 +228,27 @@ def check_options(options: argparse.Namespace) -> None:
         )
     for name in ("sinkage_sd", "pull_sd", "lateral_sd", "torque_sd"):
         if not 0.0 < getattr(options, name) < math.inf:
-            raise ConfigError(
-                f"--{name.replace('_', '-')} {getattr(options, name):g}: a standard deviation must"
-                " be above zero"
-            )
+            raise ConfigError(f"{_given(options, name)}: give a finite number above 0")
     if not 0.0 <= options.largest_slip_angle <= SIDEWAYS_DEG:
         raise ConfigError(
             f"--largest-slip-angle {options.largest_slip_angle:g}: give 0 to {SIDEWAYS_DEG:g} deg;"
             " beyond that a wheel does not roll"
         )
+
+
+def check_offsets(options: argparse.Namespace, rows: Sequence[Row]) -> None:
+    """Raise ConfigError where the zero of a sensor is free that none of the rows was read from."""
+    for name, (row, advice) in OPTIONAL_ROWS.items():
+        if getattr(options, name) and all(math.isnan(getattr(each, row)) for each in rows):
+            raise ConfigError(
+                f"{_given(options, name)}: no row that is used has a {row.replace('_', ' ')}, so"
+                f" its zero changes nothing: leave the option out, or {advice}"
+            )
+
+
+def _given(options: argparse.Namespace, name: str) -> str:
+    """Return an option and its number as they are written on the command line."""
+    return f"--{name.replace('_', '-')} {getattr(options, name):g}"
 
 
 def constants_sd(text: str) -> tuple[float, ...]:

@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import torch
 
 from terrain_estimator.cli import single_wheel
 from terrain_estimator.cli.find_missing_effect import main
-from terrain_estimator.discovery.single_wheel.cells import Rig, Row, cells_of, wheel_alone
+from terrain_estimator.discovery.single_wheel.cells import ROWS, Rig, Row, cells_of, wheel_alone
 from terrain_estimator.discovery.single_wheel.table import WheelTableError, read_table, rim_slip
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import (
@@ -67,10 +68,11 @@ def table(
     speeds: tuple[float, ...],
     slips: tuple[float, ...] = SLIPS,
     angles: tuple[float, ...] = (0.0,),
+    lateral_offset: float = 0.0,
 ) -> Path:
     """Return two replicates of every setting, of a soil with constants off by 5 %.
 
-    Slip angles are in degrees, with the carriage's slip.
+    Slip angles are in degrees, with the carriage's slip; the lateral force is off by newtons.
     """
     generator = torch.Generator().manual_seed(3)
     soil = load_soil("loose_sand")
@@ -101,6 +103,7 @@ def table(
     states = bed.states(
         cells_of(rows), soil.strength().unsqueeze(0), constants.unsqueeze(0), effects
     )[0]
+    states[:, ROWS.index("lateral_force")] += lateral_offset
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow((TURNED if any(angles) else HEADER).split(","))
@@ -119,9 +122,20 @@ def table(
     return path
 
 
-def found(path: Path, *extra: str) -> dict[str, Any]:
+def with_slips(path: Path, folder: str, other: Callable[[float], float]) -> Path:
+    """Return a table in a new folder beside this one, whose slips are other functions of these."""
+    head, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
+    copy = path.parent / folder / path.name
+    copy.parent.mkdir()
+    with copy.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([head, *([other(float(row[0])), *row[1:]] for row in rows)])
+    return copy
+
+
+def found(path: Path, *extra: str, lug_height: float = 0.0) -> dict[str, Any]:
     wheel = path.with_name("wheel.yaml")
-    wheel.write_text(f"name: testbed\nradius: {RADIUS}\nwidth: {WIDTH}\n", encoding="utf-8")
+    lines = ["name: testbed", f"radius: {RADIUS}", f"width: {WIDTH}", f"lug_height: {lug_height}"]
+    wheel.write_text("\n".join(lines), encoding="utf-8")
     noise = [
         "--sinkage-sd",
         str(NOISE[0]),
@@ -223,6 +237,44 @@ def test_where_no_side_ploughs_none_is_named(tmp_path: Path) -> None:
     assert finding["verdict"] == "none"
     assert finding["rows"] == ["sinkage", "drawbar_pull", "lateral_force"]
     assert finding["gap"]["rows"]["lateral_force"]["before"] < 4.0 * NOISE[2]
+
+
+def test_a_wrong_zero_of_the_lateral_force_is_learnt_from_the_other_settings_where_it_is_free(
+    tmp_path: Path,
+) -> None:
+    """The lateral force is ten of its deviations too large to both sides."""
+    angles = (20.0, -40.0)
+    path = table(tmp_path / "t.csv", [], (0.05, 0.2), (0.1, 0.35, 0.6), angles, 10.0 * NOISE[2])
+    known, free = (
+        found(path, "--library", "bulldozing", *option)["gap"]["rows"]["lateral_force"]["before"]
+        for option in ((), ("--lateral-offset-sd", str(10.0 * NOISE[2])))
+    )
+    assert known > 5.0 * NOISE[2]
+    assert free < 2.0 * NOISE[2]
+
+
+def test_a_zero_of_a_lateral_force_that_is_left_out_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, wheel = table(tmp_path / "t.csv", [], (0.05,), angles=(0.0, 20.0)), tmp_path / "w.yaml"
+    wheel.write_text("name: testbed\nradius: 0.1\nwidth: 0.08\n", encoding="utf-8")
+    straight = ["--largest-slip-angle", "0", "--lateral-offset-sd", "0.5"]
+    assert main(["--wheel-table", str(path), "--wheel", str(wheel), *straight]) == 2
+    assert "--lateral-offset-sd 0.5: no row that is used has a lateral" in capsys.readouterr().err
+
+
+def test_slips_by_the_lugs_tips_give_what_they_give_converted_by_hand(tmp_path: Path) -> None:
+    """The speed is (1 - slip) r w with either radius, so the rim slips less than the tips."""
+    lug_height = 0.25 * RADIUS
+    ratio = (RADIUS + lug_height) / RADIUS
+    rim = table(tmp_path / "table.csv", [], (0.05, 0.2), SLIPS[1:])
+    tips = with_slips(rim, "tips", lambda slip: 1.0 - (1.0 - slip) / ratio)
+    by_hand = with_slips(tips, "by_hand", lambda slip: 1.0 - (1.0 - slip) * ratio)
+    asked = ("--library", "slip_sinkage", "--hold-out-by", "trial")
+    converted = found(tips, *asked, "--slip-radius", "lug", lug_height=lug_height)
+    assert converted == found(by_hand, *asked)
+    slips = {round(slip, 9) for slip in converted["gap"]["points"]["slip"]}
+    assert slips == set(SLIPS[1:])
 
 
 def test_rows_with_a_slip_angle_have_the_slip_along_the_wheel_and_need_a_lateral_force(
@@ -336,11 +388,26 @@ def test_an_effect_that_one_wheel_does_not_show_is_refused(
     ("arguments", "said"),
     [
         (("--hold-out-by", "trial"), "there is one trial"),
-        (("--sinkage-sd", "0"), "--sinkage-sd 0: a standard deviation must be above zero"),
+        (("--sinkage-sd", "0"), "--sinkage-sd 0: give a finite number above 0"),
+        (("--sinkage-sd", "inf"), "--sinkage-sd inf: give a finite number above 0"),
         (("--constants-sd", "-1"), "--constants-sd -1"),
         (("--constants-sd", "20"), "--constants-sd 20: it is relative to each constant"),
         (("--pull-sd", "nan"), "--pull-sd nan"),
         (("--lateral-sd", "-1"), "--lateral-sd -1"),
+        (
+            ("--lateral-offset-sd", "0.5"),
+            (
+                "--lateral-offset-sd 0.5: no row that is used has a lateral force, so its zero"
+                " changes nothing: leave the option out, or give a table with a column lateral_"
+            ),
+        ),
+        (
+            ("--torque-offset-sd", "0.3"),
+            (
+                "--torque-offset-sd 0.3: no row that is used has a torque, so its zero changes"
+                " nothing: leave the option out, or give a table with a column torque_Nm"
+            ),
+        ),
         (("--largest-slip-angle", "90"), "--largest-slip-angle 90: give 0 to 89 deg"),
         (
             ("--library", "lateral_bulldozing"),
