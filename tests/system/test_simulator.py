@@ -254,7 +254,8 @@ def test_whoever_comes_late_has_the_truth_and_hears_of_every_change(
 
 
 def test_the_clock_has_one_owner(start: Starter, listener: Listener) -> None:
-    first = simulator(start, *FAST)
+    # drives on until the other is there, however long that takes to start
+    first = simulator(start, *FAST, "duration:=3600.0")
     clock = listener.collect(Clock, "/clock")
     listener.wait_for_messages(clock, 3)
     second = simulator(start, "publish_clock:=true")

@@ -95,14 +95,20 @@ def test_a_rover_without_sinkage_and_contact_angle_sensors_needs_no_other_node(
 ) -> None:
     slip = ("slip_source", "--ros-args", "-p", "empty_sinkage:=true")
     sensors = ("-p", "use_sinkage:=false", "-p", "contact_angle_sd:=0.03")
-    for arguments in (slip, ("estimator", "--ros-args", *sensors)):
-        start("terrain_estimator", *arguments).wait_for_output("ready", timeout=60.0)
+    start("terrain_estimator", *slip).wait_for_output("ready", timeout=60.0)
+    estimator = start("terrain_estimator", "estimator", "--ros-args", *sensors)
+    estimator.wait_for_output("ready", timeout=60.0)
     estimates = listener.collect(TerrainEstimate, "terrain_estimate")
     topics = {name: name for name in ("joint_states", "odom", "imu")}
     publishers = {
         name: listener.publisher(message_types.message_class(INPUT_TYPES[kind]), name)
         for name, kind in (topics | {"velocity": "odom"}).items()
     }
+    listener.spin_until(
+        lambda: publishers["joint_states"].get_subscription_count() == 2,
+        "both nodes read joint_states",
+    )
+    estimator.wait_for_output("matched all inputs", timeout=60.0)
     for count, (topic, _, message) in enumerate(drive_messages(message_types.make, 4.0), 1):
         if topic in topics:
             publishers[topic].publish(message)
