@@ -53,6 +53,8 @@ _WITH_NET = "_with_net"
 """End of the name of a model that has learnt features."""
 _OF_PHYSICS = ("columns", "constants_sd")
 """Arguments that change a model without learnt features."""
+_OF_ANY = (*_OF_PHYSICS, "rover", "soil", "out", "curves", "seed", "device")
+"""Arguments that may be given without learnt features."""
 _STRENGTHS = {"benchmark": BENCHMARK, "paper": PAPER}
 
 
@@ -75,6 +77,7 @@ def main(argv: list[str] | None = None) -> int:
         )
         return 2
     try:
+        check_needed(args)
         device = choose_device(args.device)
         rovers, soils = (
             [load_rover(name) for name in args.rover],
@@ -82,8 +85,8 @@ def main(argv: list[str] | None = None) -> int:
         )
         for rover, soil in itertools.product(rovers, soils):
             soil.for_wheel(rover.wheel_width)
-        models, curves = ResultFolder(args.out), ResultFolder(args.curves)
         names = [name + (_WITH_NET if args.columns else "") for name in file_names(rovers, soils)]
+        models, curves = ResultFolder(args.out), ResultFolder(args.curves)
         models.check(*(f"{name}{ending}" for name in names for ending in _ENDINGS))
         if args.columns:
             curves.check(*(f"{name}.png" for name in names))
@@ -104,6 +107,19 @@ def main(argv: list[str] | None = None) -> int:
         sys.stderr.write(f"train: {error}\n")
         return 2
     return 0
+
+
+def check_needed(args: argparse.Namespace) -> None:
+    """Raise ConfigError where an argument of the training is given and nothing is trained."""
+    if args.columns:
+        return
+    usual = vars(_parser().parse_args([]))
+    for name, value in vars(args).items():
+        if name not in _OF_ANY and value != usual[name]:
+            raise ConfigError(
+                f"--{name.replace('_', '-')} {value}: without --columns nothing is trained: give"
+                " --columns 6 for a model with a net, or leave this out"
+            )
 
 
 def file_names(rovers: Sequence[Rover], soils: Sequence[Soil]) -> list[str]:

@@ -5,6 +5,7 @@
 import dataclasses
 import json
 import os
+import re
 import subprocess
 import sys
 import zipfile
@@ -134,6 +135,19 @@ def test_the_models_that_ship_without_a_net_are_made_again_to_the_byte(tmp_path:
         assert not any(each.startswith("net_") for each in metadata.parameters)
         assert metadata.training.options == ("--columns=0", f"--constants-sd={0.05 / 3**0.5}")
         assert not (tmp_path / f"{name}.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--tasks", "2000"), ("--scheduler", "tcp://host:8786"), ("--hidden-effects", "0.0")],
+)
+def test_an_option_of_the_training_is_refused_where_nothing_is_trained(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str
+) -> None:
+    assert train.main([option, value, "--out", str(tmp_path / "models")]) == 2
+    said = capsys.readouterr().err
+    assert re.search(rf"{option} \S+: without --columns nothing is trained: give --columns 6", said)
+    assert not (tmp_path / "models").exists()
 
 
 def test_installed_models_are_not_replaced(
