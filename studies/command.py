@@ -19,13 +19,13 @@ def study_parser(study: str, description: str | None) -> argparse.ArgumentParser
     )
 
 
-def add_model_option(parser: argparse.ArgumentParser) -> None:
+def add_model_option(
+    parser: argparse.ArgumentParser,
+    default: str = "",
+    words: str = "name or file of the model; default: the estimator's default model",
+) -> None:
     """Add ``--model``."""
-    parser.add_argument(
-        "--model",
-        default="",
-        help="name or file of the model; default: the estimator's default model",
-    )
+    parser.add_argument("--model", default=default, help=words)
 
 
 def add_record_options(parser: argparse.ArgumentParser, name: str, part: str) -> None:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The figures and the page of ``make long``."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -94,14 +95,7 @@ def page(found: Sequence[LongLine], when: str, seed: int) -> str:
 
 def _together(found: Sequence[LongLine]) -> list[list[LongLine]]:
     """Return the lines of the same drives and rows, which differ in their times alone."""
-    groups: list[list[LongLine]] = []
-    for line in found:
-        last = groups[-1][-1] if groups else None
-        if last and _place(last) == _place(line) and last.after_s < line.after_s:
-            groups[-1].append(line)
-        else:
-            groups.append([line])
-    return groups
+    return [list(lines) for _, lines in itertools.groupby(found, _place)]
 
 
 def _place(line: LongLine) -> tuple[str, float, str]:
@@ -112,7 +106,7 @@ def _summed(group: Sequence[LongLine]) -> list[str]:
     """Return the cells of the lines of the same drives: the last time, and what any missed."""
     last = group[-1]
     pair = (last.cohesion, last.tan_phi)
-    missed = {f"{line.after_s:g} s" for line in group if _missed_of(line)}
+    missed = [f"{line.after_s:g} s" for line in group if _missed_of(line)]
     return [
         *_cells_of_place(last),
         f"{last.after_s:g}",
@@ -121,7 +115,7 @@ def _summed(group: Sequence[LongLine]) -> list[str]:
         " / ".join(f"{score.shift.value:+.2f}" for score in pair),
         " / ".join(f"{100.0 * score.median_error:.1f}" for score in pair),
         " / ".join(f"{100.0 * score.identified:.0f}" for score in pair),
-        ", ".join(sorted(missed, key=lambda text: float(text.split()[0]))) or "none",
+        ", ".join(missed) or "none",
     ]
 
 

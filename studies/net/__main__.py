@@ -16,7 +16,7 @@ import torch
 
 from docs.provenance import measured
 from studies.accuracy.scores import PARAMETERS, CellScore, ParameterScore
-from studies.command import refuse, study_parser
+from studies.command import add_model_option, refuse, study_parser
 from studies.limited import Limited
 from studies.net.study import PLANTS, Comparison, compare
 from studies.records import write_results
@@ -72,9 +72,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = study_parser("net", __doc__)
-    parser.add_argument(
-        "--model", default=f"{DEFAULT_MODEL}_with_net", help="name or file of a model with a net"
-    )
+    add_model_option(parser, f"{DEFAULT_MODEL}_with_net", "name or file of a model with a net")
     parser.add_argument(
         "--soil",
         default="",

@@ -220,7 +220,7 @@ class Hypotheses(nn.Module):
         return torch.arange(self.known_soils) == self.most_probable(soils)
 
     def most_probable(self, soils: Tensor) -> Tensor:
-        """Return the index [] of the most probable soil.
+        """Return the index [] of the most probable of ``soils`` [K], probabilities.
 
         Of soils alike it is the first, also where their sums were rounded in another order.
         """
