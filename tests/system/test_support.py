@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The support of the system tests itself: it has to fail where something is wrong."""
 
+import itertools
 import signal
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from tests.system.domains import DOMAINS, candidates, own_domain
 from tests.system.listening import LATCHED, Listener
 from tests.system.processes import Starter
 from tests.system.waiting import TimeOutError, wait_until
@@ -37,11 +39,21 @@ def test_two_nodes_in_the_same_domain_hear_each_other_and_the_latched_past(
         assert heard[0].data == "hello"
 
 
-def test_a_node_in_another_domain_hears_nothing(domain_id: int, listener: Listener) -> None:
-    with Listener(domain_id % 100 + 1) as other:
+def test_a_node_in_another_domain_hears_nothing(listener: Listener) -> None:
+    with own_domain() as elsewhere, Listener(elsewhere) as other:
         other.collect(String, "chatter")
         with pytest.raises(TimeOutError, match="readers of chatter"):
             listener.publisher(String, "chatter", timeout=0.5)
+
+
+def test_no_two_workers_share_a_domain_and_neighbours_differ() -> None:
+    for workers in range(1, 9):
+        seen = [list(candidates(iter(range(250)), worker, workers)) for worker in range(workers)]
+        for own in seen:
+            assert all(a != b for a, b in itertools.pairwise(own))
+        domains = [set(own) for own in seen]
+        assert set.union(*domains) <= set(range(1, DOMAINS + 1))
+        assert sum(len(own) for own in domains) == len(set.union(*domains))
 
 
 def test_a_missing_service_is_a_failure(listener: Listener) -> None:
