@@ -35,8 +35,9 @@ lint: environment  ## ruff, mypy and the import contract
 	$(VENV_PYTHON) -m mypy
 	PYTHONPATH=$(LIBRARIES) .venv/bin/lint-imports
 
-train: workspace  ## make the models that ship anew, with and without a net; results in out/models
+train: workspace  ## make the models that ship anew, also for varying ground and with a net; results in out/models
 	ros2_ws/bin/ros2 run terrain_estimator train $(ARGS)
+	ros2_ws/bin/ros2 run terrain_estimator train --ground-variation 0.02 $(ARGS)
 	ros2_ws/bin/ros2 run terrain_estimator train --columns 6 $(ARGS)
 
 accuracy: workspace  ## judge the estimator on simulated drives: docs/accuracy.md

@@ -274,7 +274,7 @@ def lines(kind: Kind) -> Iterator[tuple[str, ...]]:
     """Yield the lines of a rover's table, one for each motion."""
     free = CoreConfig(roll_limit=0.0, turn_limit=0.0)
     with tempfile.TemporaryDirectory() as folder:
-        model = physics_model(load_rover(kind.rover), SOIL, Path(folder) / "model.pt")
+        model = physics_model(load_rover(kind.rover), [SOIL], Path(folder) / "model.pt")
     hills = f"straight, hills of {STEEP:g}°"
     motions: list[tuple[str, float, float, Waves | None, float]] = [
         ("straight, level", 0.0, 0.0, None, 0.0),
@@ -344,7 +344,7 @@ def stop_lines(kind: Kind) -> Iterator[tuple[str, ...]]:
     """Yield the lines of a rover's table of the planner's stops, one for each commanded turn."""
     rover = load_rover(kind.rover)
     with tempfile.TemporaryDirectory() as folder:
-        model = physics_model(rover, SOIL, Path(folder) / "model.pt")
+        model = physics_model(rover, [SOIL], Path(folder) / "model.pt")
     statics = TractionTable(rover, solve_statics(rover, (SOIL,)))
     for yaw_rate in (0.0, *kind.yaw_rates):
         found, _ = drives(kind, yaw_rate, 0.0)

@@ -36,4 +36,4 @@ def judged_model(name: str, folder: Path) -> LoadedModel:
     """Return one of MODELS; the control is written to ``folder`` first."""
     if name == SHIPPED:
         return load_model("mars_rover")
-    return physics_model(load_rover("mars_rover"), SCM_SAND, folder / "scm_control.pt")
+    return physics_model(load_rover("mars_rover"), [SCM_SAND], folder / "scm_control.pt")

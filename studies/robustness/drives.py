@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 
 from studies.observations import observations_of
 from studies.physics import physics_model
-from studies.robustness.worlds import SECONDS, World, measured, rover_near, unknown_ground
+from studies.robustness.worlds import (
+    SECONDS,
+    World,
+    measured,
+    rover_near,
+    unknown_ground,
+    varying_ground,
+)
 from terrain_estimator.compiled.finding import load
 from terrain_estimator.config.estimator import AUTO, CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
@@ -55,24 +62,32 @@ def drive_batch(world: World, drives: int, seed: int) -> Record:
     ground = random_ground(load_soil(world.soil or SOILS[0]), drives, drawing)
     if not world.soil:
         ground = unknown_ground(ground.patches[0].strength, hiding)
+    mean = ground.patches[0]
     model = _model(world, hiding)
     rover = rover_near(model.rover, hiding) if world.rover else model.rover
+    if world.variation:
+        length = SECONDS * max(rover.cruise_speed) + rover.axle_x[0] - rover.axle_x[-1]
+        ground = varying_ground(mean, world.variation, length, hiding)
     plant, step_s = _plant(world, rover, drives, hiding), 1.0 / world.rate_hz
     drive = simulate(rover, ground, "S1", SECONDS, drawing, drives, plant=plant, time_step=step_s)
     readings = measured(world, rover, drive.seen, hiding)
     ends = drive_ends(drive, step_s).tolist()
-    truth = ground.patches[0].strength.numpy()
+    truth = mean.strength.numpy()
     every = (observations_of(readings, k, round(1e9 * step_s))[: ends[k]] for k in range(drives))
     return joined(_published(model, seen, truth[k]) for k, seen in enumerate(every))
 
 
 def _model(world: World, generator: torch.Generator) -> LoadedModel:
-    """Return the model that ships, or the physics alone for a rover that is near a preset."""
-    if not world.near:
+    """Return the model that ships, or one for a rover near a preset or for varying ground."""
+    if not (world.near or world.told_variation):
         return load(ROVER, AUTO).model
-    rover = rover_near(load_rover(world.near), generator)
+    rover, soils = load_rover(world.near or ROVER), [load_soil(world.soil)]
+    if world.near:
+        rover = rover_near(rover, generator)
+    else:
+        soils = [load_soil(soil) for soil in SOILS]  # as the model that ships
     with tempfile.TemporaryDirectory() as folder:
-        return physics_model(rover, load_soil(world.soil), Path(folder) / "near.pt")
+        return physics_model(rover, soils, Path(folder) / "own.pt", world.told_variation)
 
 
 def _plant(world: World, rover: Rover, drives: int, generator: torch.Generator) -> Plant | None:

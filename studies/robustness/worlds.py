@@ -17,10 +17,23 @@ from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.vehicle.rover import Rover
 from tests.hidden.generators import GENERATORS
 
-AS_MODELLED, RATE, OWN_ROVER, EFFECT, OUTSIDE, NOISE, ODOMETRY, SOIL, ROVER, TOGETHER = (
+(
+    AS_MODELLED,
+    RATE,
+    OWN_ROVER,
+    VARYING,
+    EFFECT,
+    OUTSIDE,
+    NOISE,
+    ODOMETRY,
+    SOIL,
+    ROVER,
+    TOGETHER,
+) = (
     "nothing hidden",
     "other rates",
     "other rovers",
+    "varying ground",
     "hidden effects",
     "effects outside the library",
     "misstated noise",
@@ -44,6 +57,8 @@ SOIL_RANGES = (
 """Constants of an unknown soil: those of the three soils that the model knows span most of it."""
 ROVER_SPREAD = 0.3
 """[1] Largest change of the mass and of the wheels' radius and width of a rover."""
+VARIATION_M = 0.3
+"""[m] Distance after which the deviations of varying ground are drawn anew, linear between."""
 DRIFT_S = 10.0
 """[s] Time constant of an odometry's drift."""
 
@@ -64,6 +79,8 @@ class World:
     soil: str = "loose_sand"  # empty: an unknown one
     rover: bool = False  # a misstated one
     near: str = ""  # a preset: the rover is near it, and its file and model are its own
+    variation: float = 0.0  # relative deviation of c, tan phi and the stiffness along the way
+    told_variation: float = 0.0  # the same as the model has it, in a model of its own
 
 
 def worlds() -> list[World]:
@@ -76,6 +93,12 @@ def worlds() -> list[World]:
         *(
             World(OWN_ROVER, f"within 30 % of {preset}", near=preset)
             for preset in ("mars_rover", "paper_rover")
+        ),
+        *(
+            World(VARYING, _varying_name(share, told), variation=share, told_variation=told)
+            for told in (0.0, 0.02)
+            for share in (0.0, 0.01, 0.02, 0.05)
+            if share or told
         ),
         *(World(EFFECT, name, ((name, 1.0),)) for name in library),
         *(World(OUTSIDE, name, ((name, 1.0),)) for name in others),
@@ -92,6 +115,11 @@ def worlds() -> list[World]:
         World(SOIL, "constants drawn", soil=""),
         World(ROVER, "mass, radius, width up to 30 % off", rover=True),
     ]
+
+
+def _varying_name(share: float, told: float) -> str:
+    """Return the name of a world whose ground varies by ``share``."""
+    return f"by {100 * share:g} %" + (f", model for {100 * told:g} %" if told else "")
 
 
 def together(generator: torch.Generator) -> World:
@@ -117,6 +145,28 @@ def unknown_ground(strength: Tensor, generator: torch.Generator) -> Ground:
     low, high = torch.tensor(SOIL_RANGES, dtype=torch.float64).unbind(1)
     share = torch.rand((strength.shape[0], len(low)), generator=generator, dtype=torch.float64)
     return Ground([Patch(low + (high - low) * share, strength)])
+
+
+def varying_ground(
+    mean: Patch, share: float, length_m: float, generator: torch.Generator
+) -> Ground:
+    """Return ground that varies along ``length_m`` [m] about ``mean``, strength [N, 2].
+
+    c, tan phi and the stiffness deviate by ``share``, at most by 2.5 times that.
+    """
+    drives = mean.strength.shape[0]
+    patches, start = [], -VARIATION_M
+    while start < length_m:
+        draw = torch.randn(drives, 3, generator=generator, dtype=torch.float64).clamp(-2.5, 2.5)
+        factor = 1.0 + share * draw
+        stiffer = torch.ones_like(mean.constants)
+        stiffer[:, 1:3] = factor[:, 2:]  # k_c and k_phi
+        transition = VARIATION_M if patches else 0.0
+        patches.append(
+            Patch(mean.constants * stiffer, mean.strength * factor[:, :2], start, transition)
+        )
+        start += VARIATION_M
+    return Ground(patches)
 
 
 def rover_near(rover: Rover, generator: torch.Generator) -> Rover:

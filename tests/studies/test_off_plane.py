@@ -24,7 +24,7 @@ def test_a_straight_drive_is_taken_and_a_turn_or_a_lean_refused(tmp_path: Path) 
     """600 samples each, one seed: noise is to refuse fewer than one of the straight ones."""
     kind = KINDS[0]
     assert kind.rover == FOUR_WHEELS.name
-    model = physics_model(FOUR_WHEELS, SOIL, tmp_path / "model.pt")
+    model = physics_model(FOUR_WHEELS, [SOIL], tmp_path / "model.pt")
     shares = []
     for yaw_rate, lean in ((0.0, 0.0), (0.4, 0.0), (0.0, 10.0)):
         found, strength = drives(kind, yaw_rate, lean, SAMPLES)
@@ -88,7 +88,7 @@ def test_a_planner_that_always_stops_is_counted_as_such(
 ) -> None:
     """The count of stops is the planner's: with the lowest limit of slip it stops nearly all."""
     kind = KINDS[0]
-    model = physics_model(FOUR_WHEELS, SOIL, tmp_path / "model.pt")
+    model = physics_model(FOUR_WHEELS, [SOIL], tmp_path / "model.pt")
     statics = TractionTable(FOUR_WHEELS, solve_statics(FOUR_WHEELS, (SOIL,)))
     found, _ = drives(kind, 0.0, 0.0, SAMPLES)
     assert stops(model, statics, found)[Reason.NONE] == DRIVES

@@ -31,7 +31,7 @@ from terrain_estimator.learning.tasks import BENCHMARK, PAPER, ROVERS, SOILS, dr
 from terrain_estimator.learning.training import Progress, Recipe, build_model, train
 from terrain_estimator.model.metadata import Metadata, ModelFileError, Training
 from terrain_estimator.model.palpaca import PAlpaca
-from terrain_estimator.model.prior import DEFAULT_PRIOR
+from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior
 from terrain_estimator.offline.cluster import cluster
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.terrain.soil import Soil
@@ -42,6 +42,7 @@ _ENDINGS = (".pt", ".json")
 _CHECKED_OBSERVATIONS = 50
 _SMOOTHED = 20  # iterations behind the loss in the metadata
 _LARGEST_CONSTANTS_SD = 0.2  # of the soil's value: beyond it, columns are far from linear
+_LARGEST_VARIATION = 0.3  # beyond it a deviation is no small change of the forces
 _FEW = 1000
 """Number of drives up to which this process draws them alone.
 
@@ -51,7 +52,9 @@ _ELSEWHERE = ("rover", "soil", "out", "curves", "scheduler", "workers")
 """Arguments that name places: they do not change the model, or are the metadata's own fields."""
 _WITH_NET = "_with_net"
 """End of the name of a model that has learnt features."""
-_OF_PHYSICS = ("columns", "constants_sd")
+_ON_VARYING_GROUND = "_on_varying_ground"
+"""End of the name of a model whose ground is not the same below every axle."""
+_OF_PHYSICS = ("columns", "constants_sd", "ground_variation")
 """Arguments that change a model without learnt features."""
 _OF_ANY = (*_OF_PHYSICS, "rover", "soil", "out", "curves", "seed", "device")
 """Arguments that may be given without learnt features."""
@@ -85,7 +88,9 @@ def main(argv: list[str] | None = None) -> int:
         )
         for rover, soil in itertools.product(rovers, soils):
             soil.for_wheel(rover.wheel_width)
-        names = [name + (_WITH_NET if args.columns else "") for name in file_names(rovers, soils)]
+        end = _WITH_NET if args.columns else ""
+        end += _ON_VARYING_GROUND if args.ground_variation else ""
+        names = [name + end for name in file_names(rovers, soils)]
         models, curves = ResultFolder(args.out), ResultFolder(args.curves)
         models.check(*(f"{name}{ending}" for name in names for ending in _ENDINGS))
         if args.columns:
@@ -255,6 +260,13 @@ def _add_training(parser: argparse.ArgumentParser, recipe: Recipe) -> None:
         help="relative deviation of each soil constant; 0: exact",
     )
     parser.add_argument(
+        "--ground-variation",
+        type=real(0.0, _LARGEST_VARIATION),
+        default=DEFAULT_PRIOR.ground_variation,
+        help="relative deviation of the ground's strength and stiffness from axle to axle; 0: it is"
+        " the same everywhere",
+    )
+    parser.add_argument(
         "--orthogonality",
         choices=[penalty.name.lower() for penalty in Orthogonality],
         default=recipe.orthogonality.name.lower(),
@@ -299,11 +311,18 @@ def written(options: dict[str, object]) -> tuple[str, ...]:
     return tuple(f"--{name.replace('_', '-')}={value}" for name, value in sorted(options.items()))
 
 
+def _prior(args: argparse.Namespace) -> Prior:
+    """Return the prior that the arguments ask for."""
+    return dataclasses.replace(
+        DEFAULT_PRIOR, constants_sd=args.constants_sd, ground_variation=args.ground_variation
+    )
+
+
 def _physics(
     rover: Rover, soils: list[Soil], args: argparse.Namespace
 ) -> tuple[PAlpaca, Training, list[Progress]]:
     """Return the model without learnt features, of which nothing is trained."""
-    prior = dataclasses.replace(DEFAULT_PRIOR, constants_sd=args.constants_sd)
+    prior = _prior(args)
     own = {name: value for name, value in vars(args).items() if name in _OF_PHYSICS}
     training = Training(args.seed, 0, 0.0, torch.__version__, written(own))
     return build_model(rover, soils, prior=prior), training, []
@@ -327,7 +346,7 @@ def _trained(
         for soil, drives in zip(soils, shared_out(args.tasks, len(soils)), strict=True)
     ]
     data = Regression.join([draw(order, args.scheduler, args.workers) for order in orders])
-    prior = dataclasses.replace(DEFAULT_PRIOR, constants_sd=args.constants_sd)
+    prior = _prior(args)
     model = build_model(rover, soils, recipe.columns, recipe.hidden, prior)
     history: list[Progress] = []
     with ProgressReport(f"{name}: training on {device}") as report:

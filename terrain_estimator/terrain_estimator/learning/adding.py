@@ -85,6 +85,11 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpaca:
         raise ConfigError(
             f"model {loaded.model_id} is by wheel; named effects need one by axle: give that"
         )
+    if loaded.metadata.prior.ground_variation:
+        raise ConfigError(
+            f"model {loaded.model_id} is for ground that varies (--ground-variation of train);"
+            " named effects need one of even ground: give that"
+        )
     plain, rover = restored(loaded), loaded.rover
     law = ScmStresses() if law_of(loaded.metadata.soils) == SCM else None
     rows = EffectRows([LAWS[name](rover) for name in names], rover.mass, law)

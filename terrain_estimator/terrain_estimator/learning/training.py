@@ -25,9 +25,10 @@ from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics import Physics, RoverBody
 from terrain_estimator.model.physics_by_law import PhysicsByLaw, ScmStresses
+from terrain_estimator.model.physics_on_varying_ground import PhysicsOnVaryingGround
 from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior
 from terrain_estimator.model.row_names import row_names
-from terramechanics.terrain.soil import SCM, Soil
+from terramechanics.terrain.soil import SCM, WONG_REECE, Soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import geometry_of
 
@@ -93,7 +94,14 @@ def build_model(
     physics = Physics(body_of(rover), constants, prior.constants_sd)
     net = _net(rover, columns, hidden, moments=moments) if columns else _no_net(rover)
     if law_of(soils) == SCM:
+        if prior.ground_variation:
+            raise ConfigError(
+                f"ground_variation {prior.ground_variation:g}: with law {SCM} the ground has to be"
+                f" even: give 0, or soils of law {WONG_REECE}"
+            )
         return PAlpaca(PhysicsByLaw(physics, ScmStresses()), net, prior)
+    if prior.ground_variation:
+        return PAlpaca(PhysicsOnVaryingGround(physics, prior.ground_variation), net, prior)
     return PAlpaca(physics, net, prior)
 
 

@@ -45,10 +45,9 @@ from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.packed_observation import BLOCK, packed_size
 from terrain_estimator.model.packing import PackedView, view_of, with_slip, without_link
 from terrain_estimator.model.parameters import ParameterLayout, parameter_layout
-from terrain_estimator.model.physics import Physics, SoilRows
-from terrain_estimator.model.physics_by_law import PhysicsByLaw
+from terrain_estimator.model.physics import SoilRows
 from terrain_estimator.model.physics_by_wheel import PhysicsByWheel
-from terrain_estimator.model.physics_with_effects import PhysicsWithEffects
+from terrain_estimator.model.physics_with_effects import AnyPhysics
 from terrain_estimator.model.prior import Prior
 from terrain_estimator.model.row_names import row_names
 from terrain_estimator.model.velocity import Motion, VelocityFilter
@@ -73,12 +72,7 @@ class PAlpaca(nn.Module):
     longest_step: Tensor
     every_row: Tensor
 
-    def __init__(
-        self,
-        physics: Physics | PhysicsByLaw | PhysicsWithEffects | PhysicsByWheel,
-        net: NetFeatures,
-        prior: Prior,
-    ) -> None:
+    def __init__(self, physics: AnyPhysics, net: NetFeatures, prior: Prior) -> None:
         """Compose the model; ``prior`` has the deviation of soil constants that ``physics`` has."""
         super().__init__()
         self.prior = prior  # for the metadata; the scripted module has the buffers
@@ -386,7 +380,7 @@ class PAlpaca(nn.Module):
         return solved, soil_rows
 
 
-def row_count(physics: Physics | PhysicsByLaw | PhysicsWithEffects | PhysicsByWheel) -> int:
+def row_count(physics: AnyPhysics) -> int:
     """Return the number R of the rows of one observation."""
     if isinstance(physics, PhysicsByWheel):
         return int(physics.nominal.fixed_columns.shape[0]) - 1

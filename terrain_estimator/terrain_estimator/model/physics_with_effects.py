@@ -16,6 +16,7 @@ from terrain_estimator.model.packing import PackedView, view_of
 from terrain_estimator.model.physics import Physics, SoilRows
 from terrain_estimator.model.physics_by_law import PhysicsByLaw
 from terrain_estimator.model.physics_by_wheel import PhysicsByWheel
+from terrain_estimator.model.physics_on_varying_ground import PhysicsOnVaryingGround
 from terrain_estimator.model.rows import ContactModel, Rows, values_alone
 from terramechanics.simulation.plant import ContactInputs
 from terramechanics.vehicle.suspension import along_body
@@ -198,10 +199,12 @@ class PhysicsWithEffects(nn.Module):
         return torch.cat([row[:1], 1e3 * (row[1:] - row[0])])
 
 
-def nominal_of(
-    physics: Physics | PhysicsByLaw | PhysicsByWheel | PhysicsWithEffects,
-) -> Physics:
-    """Return the physics of rover and soils, without named effects and another contact law."""
+AnyPhysics = Physics | PhysicsByLaw | PhysicsByWheel | PhysicsOnVaryingGround | PhysicsWithEffects
+"""What a model may have as its physics."""
+
+
+def nominal_of(physics: AnyPhysics) -> Physics:
+    """Return the physics of rover and soils, without what another physics adds."""
     return physics if isinstance(physics, Physics) else physics.nominal
 
 

@@ -32,6 +32,13 @@ class Prior:
     constants_sd: float = number(
         "relative standard deviation of each soil constant; 0 makes them exact", "1", 0.0
     )
+    ground_variation: float = number(
+        "relative standard deviation of the ground's strength and stiffness from axle to axle; 0"
+        " makes it the same everywhere",
+        "1",
+        0.0,
+        default=0.0,
+    )
 
 
 DEFAULT_PRIOR = Prior(

@@ -15,12 +15,14 @@ from studies.robustness.worlds import (
     AS_MODELLED,
     SOIL_RANGES,
     TOGETHER,
+    VARIATION_M,
     World,
     drift_of,
     measured,
     rover_near,
     together,
     unknown_ground,
+    varying_ground,
     worlds,
 )
 from terrain_estimator.config.estimator import CoreConfig
@@ -30,7 +32,7 @@ from terrain_estimator.model.loaded import LoadedModel
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.sample import Drive
 from terramechanics.simulation.simulation import simulate
-from terramechanics.terrain.ground import Ground
+from terramechanics.terrain.ground import Ground, Patch
 from tests.hidden.generators import GENERATORS
 
 ROVER = load_rover("mars_rover")
@@ -89,6 +91,22 @@ def test_unknown_soils_lie_in_their_ranges_and_keep_their_strength() -> None:
     assert bool(((patch.constants >= low) & (patch.constants <= high)).all())
     assert torch.equal(patch.strength, strength)
     assert not torch.equal(patch.constants[0], patch.constants[1])
+
+
+def test_varying_ground_deviates_by_its_share_about_the_mean() -> None:
+    """The spread of 3000 and more nodes is within 10 % of the share: 7.7 deviations."""
+    strength = torch.tensor([[1000.0, 0.6]], dtype=torch.float64).repeat(200, 1)
+    constants = load_soil("loose_sand").constants().repeat(200, 1)
+    ground = varying_ground(Patch(constants, strength), 0.05, 4.5, generator())
+    assert ground.patches[-1].start + VARIATION_M >= 4.5
+    factors = [torch.stack([each.strength / strength for each in ground.patches])]
+    factors.append(torch.stack([(each.constants / constants)[:, 1:3] for each in ground.patches]))
+    for factor in (*factors[0].unbind(2), *factors[1].unbind(2)):
+        assert float(factor.mean()) == pytest.approx(1.0, abs=0.005)
+        assert float(factor.std()) == pytest.approx(0.05, rel=0.1)
+    torch.testing.assert_close(factors[1][..., 0], factors[1][..., 1], rtol=1e-12, atol=0.0)
+    kept = torch.stack([each.constants for each in ground.patches])[..., [0, 3, 4, 5]]
+    assert torch.equal(kept, constants[:, [0, 3, 4, 5]].expand_as(kept))
 
 
 def test_a_rover_near_another_differs_by_at_most_thirty_percent_in_three_numbers() -> None:

@@ -43,9 +43,11 @@ SMALL = [
 def test_a_model_that_ships_holds_its_options_and_no_folder(name: str) -> None:
     training = load_model(name).metadata.training
     own = ["--columns", "6"] if name.endswith("_with_net") else []
+    own += ["--ground-variation", "0.02"] if name.endswith("_on_varying_ground") else []
     given, wanted = (train._parser().parse_args(each) for each in (training.options, own))
     assert train.recipe_of(given) == train.recipe_of(wanted)
     assert given.constants_sd == wanted.constants_sd
+    assert given.ground_variation == wanted.ground_variation
     with zipfile.ZipFile(MODELS / f"{name}.pt") as archive:
         assert not [each for each in archive.namelist() if each.endswith("debug_pkl")]
 
@@ -120,20 +122,26 @@ def test_two_trainings_give_one_file_that_says_how_it_came_about(
     assert {path.name: path.read_bytes() for path in (tmp_path / "alone").iterdir()} == kept
 
 
-def test_the_models_that_ship_without_a_net_are_made_again_to_the_byte(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("end", "variation"), [("", "0.0"), ("_on_varying_ground", "0.02")])
+def test_the_models_that_ship_without_a_net_are_made_again_to_the_byte(
+    tmp_path: Path, end: str, variation: str
+) -> None:
     """In a process of its own: what it has scripted before changes names in a file."""
-    command = [sys.executable, "-m", train.__name__, "--out", str(tmp_path)]
-    done = subprocess.run(
-        [*command, "--curves", str(tmp_path)], check=True, capture_output=True, text=True
-    )
+    command = [sys.executable, "-m", train.__name__, "--ground-variation", variation]
+    command += ["--out", str(tmp_path), "--curves", str(tmp_path)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
     assert "loss" not in done.stdout
-    for name in ("mars_rover", "paper_rover"):
+    for name in (f"mars_rover{end}", f"paper_rover{end}"):
         for ending in (".pt", ".json"):
             made, ships = (folder / f"{name}{ending}" for folder in (tmp_path, MODELS))
             assert made.read_bytes() == ships.read_bytes()
         metadata = load_model(name).metadata
         assert not any(each.startswith("net_") for each in metadata.parameters)
-        assert metadata.training.options == ("--columns=0", f"--constants-sd={0.05 / 3**0.5}")
+        assert metadata.training.options == (
+            "--columns=0",
+            f"--constants-sd={0.05 / 3**0.5}",
+            f"--ground-variation={variation}",
+        )
         assert not (tmp_path / f"{name}.png").exists()
 
 

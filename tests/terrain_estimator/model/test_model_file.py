@@ -74,7 +74,7 @@ def test_a_shipped_model_is_small_and_says_what_it_is_for(name: str) -> None:
     assert model.rover == load_rover(model.rover.name)
     assert model.metadata.soils == tuple(load_soil(soil.name) for soil in model.metadata.soils)
     assert torch.equal(
-        model.module.physics.constants,
+        getattr(model.module.physics, "nominal", model.module.physics).constants,
         torch.stack([soil.constants() for soil in model.metadata.soils]),
     )
 
@@ -158,7 +158,8 @@ def test_a_missing_sidecar_and_an_unknown_name_are_refused(copied: Path) -> None
         ModelFileError,
         match=(
             r"no such file; give the path of a .pt file, or an installed model: mars_rover,"
-            r" mars_rover_with_net, paper_rover, paper_rover_with_net"
+            r" mars_rover_on_varying_ground, mars_rover_with_net, paper_rover,"
+            r" paper_rover_on_varying_ground, paper_rover_with_net"
         ),
     ):
         load_model("moon_rover")

@@ -27,6 +27,8 @@ def test_a_deviation_of_the_rover_is_a_precision_of_the_posterior(name: str) -> 
 @pytest.mark.parametrize("name", ["mars_rover", "paper_rover"])
 def test_the_models_that_ship_have_the_default_prior(name: str) -> None:
     assert load_model(name).metadata.prior == DEFAULT_PRIOR
+    varying = dataclasses.replace(DEFAULT_PRIOR, ground_variation=0.02)
+    assert load_model(f"{name}_on_varying_ground").metadata.prior == varying
 
 
 def test_the_hypotheses_together_have_mean_and_variance_of_the_prior() -> None:
