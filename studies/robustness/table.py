@@ -78,8 +78,8 @@ node's, with default parameters, the averaging of fast readings and the model th
 - **Other rovers**: mass, wheel radius and wheel width up to 30 % away from a preset. Here the file
   says so and the model is the physics alone for that rover, one for every {batch} drives.
 - **Varying ground**: c, tan phi and the stiffness deviate by so much along the way, drawn anew
-  every {varied:g} m, independently, linear between. The truth is their mean. "Model for 2 %" is the
-  model that ships, but made with `train --ground-variation 0.02`.
+  every {varied:g} m, independently, linear between. The truth is their mean. "Model for 2 %" is
+  that made with `train --ground-variation 0.02`, as `mars_rover_on_varying_ground` is.
 - **Hidden effects** come from the generators of [hidden.md](hidden.md), at the size that matters.
   They share no law with the library. "Outside the library" are effects that it has no name for.
 - **Misstated noise**: the sensors' noise is not what the messages state.

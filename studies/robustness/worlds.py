@@ -96,9 +96,11 @@ def worlds() -> list[World]:
         ),
         *(
             World(VARYING, _varying_name(share, told), variation=share, told_variation=told)
-            for told in (0.0, 0.02)
-            for share in (0.0, 0.01, 0.02, 0.05)
-            if share or told
+            for told, share in (
+                *((0.0, each) for each in (0.01, 0.02, 0.05)),
+                *((0.02, each) for each in (0.0, 0.01, 0.02)),
+                (0.05, 0.05),
+            )
         ),
         *(World(EFFECT, name, ((name, 1.0),)) for name in library),
         *(World(OUTSIDE, name, ((name, 1.0),)) for name in others),
