@@ -55,31 +55,32 @@ def _series(form: Writer, step: Step) -> None:
     """Write an elementary function as a loop of its own in the runtime, over rows of numbers."""
     (result,), source = step.results, step.arguments[0]
     exponent = [_spare(form, step.arguments[1], result)] if step.name == "pow" else []
-    if _is_whole(form, source, result) and form.is_used_again(source.buffer):
+    if _is_alike(form, source, result) and form.is_used_again(source.buffer):
         pointer = form.pointer(source.buffer)
         form.new(result.buffer)
     else:
         expression, pointer = form.expression(source), f"b{result.buffer}"
         form.new(result.buffer)
         form.assign(form.rows(result.buffer, result.sizes), expression)
-    count = written(form.buffers[result.buffer].count)
+    count = written(form.held(result.buffer))
     given = ", ".join([pointer, *exponent, f"b{result.buffer}", count])
     form.lines.append(f"series::{step.name}({given});")
 
 
 def _spare(form: Writer, value: Anything, result: Place) -> str:
     """Return the pointer to a number for each of a result's."""
-    if _is_whole(form, value, result):
+    if _is_alike(form, value, result):
         return form.pointer(value.buffer)
     expression = form.expression(value)
-    place = form.spare(result.sizes)
+    place = form.spare(result)
     form.assign(place, expression)
     return form.pointer(place.buffer)
 
 
-def _is_whole(form: Writer, value: Anything, result: Place) -> bool:
-    """Return whether a value is a buffer by rows, with the sizes of a result."""
-    return isinstance(value, Place) and value == form.rows(value.buffer, result.sizes)
+def _is_alike(form: Writer, value: Anything, result: Place) -> bool:
+    """Return whether a value is a whole buffer, laid out like a result."""
+    whole = isinstance(value, Place) and value == form.rows(value.buffer, result.sizes)
+    return whole and form.is_alike(value.buffer, result.buffer)
 
 
 def _pow(form: Writer, step: Step) -> None:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from terrain_estimator.compiled.fixed.lengths import same
+from terrain_estimator.compiled.fixed.lengths import Stride, same
 from terrain_estimator.compiled.fixed.recording import Number
 
 
@@ -26,7 +26,7 @@ class Leaf:
 
     buffer: int
     offset: Number
-    strides: list[Number]
+    strides: Sequence[Stride]
 
 
 @dataclass

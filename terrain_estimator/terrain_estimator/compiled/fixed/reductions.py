@@ -34,9 +34,10 @@ def _reduce(form: Writer, step: Step) -> None:
     out = form.rows(result.buffer, [expression.sizes[d] for d in kept])
     own = dict(zip(kept, out.strides, strict=True))
     outs = [own.get(d, same(0)) for d in range(rank)]
-    strides = [outs, *(leaf.strides for leaf in expression.leaves)]
     for leaf in expression.leaves:
         form.pointer(leaf.buffer)
+    expression = form.walked(expression)
+    strides = [outs, *(leaf.strides for leaf in expression.leaves)]
     outer = form.loops(expression.sizes, strides, kept)
     inner = form.loops(expression.sizes, strides, sorted(dims))
     loops = [*outer, *inner]
