@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from terrain_estimator.compiled.fixed.lengths import Looked, Stride, same, times
+from terrain_estimator.compiled.fixed.pieces import rows_of, walk_of
 from terrain_estimator.compiled.fixed.recording import Number, Place, Record, Step, flat
 from terrain_estimator.compiled.graphs import Anything
 
@@ -49,23 +50,10 @@ class Layout:
         self, offset: int, sizes: Sequence[int], strides: Sequence[int]
     ) -> "Walk | None":
         """Return how a view of the whole buffer walks through it; None where a table cannot."""
-        start = np.unravel_index(offset, self.sizes)
-        whole, held = _strides(self.sizes), _strides(self.held)
-        dims: list[tuple[int, int] | None] = []
-        for size, stride in zip(sizes, strides, strict=True):
-            if size == 1 or stride == 0:
-                dims.append(None)
-                continue
-            q = next((q for q, s in enumerate(whole) if s <= stride and self.sizes[q] > 1), None)
-            if q is None or stride % whole[q]:
-                return None
-            step = stride // whole[q]
-            if int(start[q]) + (size - 1) * step >= self.sizes[q] or (q, step) in dims:
-                return None
-            dims.append((q, step))
-        if len({each[0] for each in dims if each}) < sum(each is not None for each in dims):
+        found = walk_of(self.sizes, offset, sizes, strides)
+        if found is None:
             return None
-        return Walk(self, [int(each) for each in start], dims, held)
+        return Walk(self, *found, rows_of(self.held))
 
 
 @dataclass(frozen=True)
@@ -122,14 +110,6 @@ def stepped(places: Sequence[int], stride: int) -> tuple[int, Stride]:
     if all(place == places[0] + k * by for k, place in enumerate(places)):
         return places[0] * stride, same(by * stride)
     return 0, Looked(tuple(places), stride)
-
-
-def _strides(sizes: Sequence[int]) -> tuple[int, ...]:
-    strides, stride = [], 1
-    for size in reversed(sizes):
-        strides.append(stride)
-        stride *= size
-    return tuple(reversed(strides))
 
 
 class _Values:

@@ -18,12 +18,24 @@ from terrain_estimator.compiled.fixed.lengths import (
     times,
     written,
 )
+from terrain_estimator.compiled.fixed.pieces import (
+    Piece,
+    Pieces,
+    are_whole,
+    broadcast,
+    cut,
+    whole,
+)
 from terrain_estimator.compiled.fixed.recording import Buffer, Number, Place, UnfitError
 from terrain_estimator.compiled.fixed.repeats import Layout, held, stepped
 from terrain_estimator.compiled.graphs import Anything
 
 _SLOW = re.compile(r"scalar::(div|reciprocal|sqrt|tan|erfc|remainder)\(")
 """Functions that take longer than to write a number and to read it."""
+_MOST_USES, _MOST_PIECES, _MOST_LEAVES = 3, 4, 3
+"""What is joined waits for its uses up to these numbers: each use computes it anew."""
+_SHORTEST_ROW = 8
+"""Numbers that lie side by side in a piece."""
 
 
 class Writer:
@@ -47,6 +59,7 @@ class Writer:
         self.temporary: dict[int, int] = {}  # numbers of each buffer that lives within the form
         self._returned, self._uses = returned, uses
         self._waiting: dict[int, Expression] = {}
+        self._pieces: dict[int, Pieces] = {}
         self._tables: set[tuple[int, ...]] = set()
 
     # ---- memory
@@ -55,6 +68,11 @@ class Writer:
         """Return the C++ pointer to a buffer that has its numbers."""
         if buffer in self._waiting:
             self.store(buffer, self._waiting.pop(buffer))
+        if buffer in self._pieces:
+            joined = self._pieces.pop(buffer)
+            self.new(buffer)
+            to = self.rows(buffer, [same(size) for size in joined.sizes])
+            self.assign_all(to, joined.pieces)
         each = self.buffers[buffer]
         if buffer not in self.made:
             self.made.add(buffer)
@@ -153,6 +171,11 @@ class Writer:
             return pending
         self.pointer(value.buffer)
         return Expression(sizes, "{0}", [Leaf(value.buffer, value.offset, list(value.strides))])
+
+    def stored(self, value: Place) -> Expression:
+        """Return an argument as numbers that are written down."""
+        self.pointer(value.buffer)
+        return self.expression(value)
 
     def spelt(self, expression: Expression, index: list[list[tuple[str, Stride]]]) -> str:
         """Return an expression at an index of each leaf: variables with their strides."""
@@ -265,6 +288,67 @@ class Writer:
         """Write an expression into a buffer of its own."""
         self.new(buffer)
         self.assign(self.rows(buffer, expression.sizes), expression)
+
+    # ---- pieces
+
+    def wait(self, to: Place, pieces: list[Piece]) -> None:
+        """Keep what is joined for the loops that use it, where that costs less than to write it."""
+        if self._may_wait(to, pieces):
+            sizes = tuple(size[0] for size in to.sizes)
+            self._pieces[to.buffer] = Pieces(sizes, pieces)
+        else:
+            self.new(to.buffer)
+            self.assign_all(to, pieces)
+
+    def _may_wait(self, to: Place, pieces: list[Piece]) -> bool:
+        uses = self._uses.get(to.buffer, 0)
+        if to.buffer in self._returned or not 1 <= uses <= _MOST_USES or are_whole(pieces):
+            return False
+        if any(len(set(size)) > 1 for size in to.sizes) or len(pieces) > _MOST_PIECES:
+            return False
+        row = times(*(to.sizes[pieces[0].at + 1 :] or [same(1)]))[0]
+        return all(
+            len(each.expression.leaves) <= _MOST_LEAVES
+            and not _SLOW.search(each.expression.text)
+            and row * each.length >= _SHORTEST_ROW
+            for each in pieces
+        )
+
+    def pieces(self, value: Anything, within: Sequence[Number] | None = None) -> list[Piece]:
+        """Return an argument as pieces, see :meth:`expression`."""
+        if isinstance(value, Place) and value.buffer in self._pieces:
+            larger = within is not None and times(*within) != times(*value.sizes)
+            seen = None if larger else self._pieces[value.buffer].seen(value)
+            if seen is not None:
+                return seen
+        return whole(self.expression(value, within))
+
+    def cuts(
+        self, values: Sequence[Anything], sizes: Sequence[Number]
+    ) -> tuple[list[list[Piece]], list[tuple[int, int, int]]]:
+        """Return arguments as pieces of these sizes, and where all of them are cut.
+
+        There are no cuts where each is whole.
+        """
+        waiting = [v for v in values if isinstance(v, Place) and v.buffer in self._pieces]
+        if len({p.at for v in waiting for p in self._broadcast(v, sizes)} - {-1}) > 1:
+            for each in waiting:
+                self.pointer(each.buffer)
+        found = [self._broadcast(value, sizes) for value in values]
+        return found, cut(found)
+
+    def _broadcast(self, value: Anything, sizes: Sequence[Number]) -> list[Piece]:
+        pieces = self.pieces(value, sizes)
+        own = len(value.sizes) if isinstance(value, Place) else 0
+        return broadcast(pieces, sizes, own) if not are_whole(pieces) else pieces
+
+    def assign_all(self, to: Place, pieces: Sequence[Piece]) -> None:
+        """Write pieces into a place."""
+        for each in pieces:
+            part = to
+            if each.at >= 0:
+                part = self.part(to, each.at, same(each.start), same(each.length))
+            self.assign(part, each.expression)
 
     # ---- parts of a tensor
 
