@@ -28,6 +28,7 @@ class CompiledRuntime:
             sum(start[name].size for name in names)
             for names in (("usable",), ("single_misses",), PUBLISHED)
         )
+        self._rows = rows
         told = (*SCALARS, "usable", *PUBLISHED, "single_misses", "white_misses")
         every = len(SCALARS) + axles
         self._read = core.reader(told, every + of_posterior + 2 * rows)
@@ -35,7 +36,8 @@ class CompiledRuntime:
         self._told, self._posterior, self._misses = np.split(
             numbers, [every, every + of_posterior]
         )
-        self._numbers, self._last = numbers, CompiledState(core, 0)  # of none yet
+        self._numbers, self._last = numbers, start
+        numbers[:] = self._read(start)
         self._soils = core.reader(("soils",), start["soils"].size)
 
     def initial(self) -> CompiledState:
@@ -79,9 +81,9 @@ class CompiledRuntime:
         waiting, published, misses = 0, 0.0, (_NONE, _NONE)
         if numbers[CLOSED] > 0.0:
             waiting = self._core.length(state, "block")
-            published = float(self._posterior.sum())
-            single, white = self._misses.copy().reshape(2, -1)
-            misses = (single, white)
+            published = sum(self._posterior.tolist())
+            own = self._misses.copy()
+            misses = own[: self._rows], own[self._rows :]
         usable = [value > 0.0 for value in numbers[len(SCALARS) :]]
         return report_of(numbers[: len(SCALARS)], usable, waiting, published, misses)
 
