@@ -33,9 +33,7 @@ class CompiledRuntime:
         every = len(SCALARS) + axles
         self._read = core.reader(told, every + of_posterior + 2 * rows)
         self._update, numbers = core.updater(told, every + of_posterior + 2 * rows)
-        self._told, self._posterior, self._misses = np.split(
-            numbers, [every, every + of_posterior]
-        )
+        self._told, self._posterior, self._misses = np.split(numbers, [every, every + of_posterior])
         self._numbers, self._last = numbers, start
         numbers[:] = self._read(start)
         self._soils = core.reader(("soils",), start["soils"].size)

@@ -26,7 +26,7 @@ class Leaf:
 
     buffer: int
     offset: Number
-    strides: Sequence[Stride]
+    strides: Sequence[Number]
 
 
 @dataclass
@@ -52,6 +52,24 @@ class Expression:
             for leaf in self.leaves
         ]  # fmt: skip
         return Expression(list(sizes), self.text, leaves)
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A tensor within a loop: where it begins and how far each dimension moves."""
+
+    buffer: int
+    offset: Number
+    strides: Sequence[Stride]
+
+
+@dataclass(frozen=True)
+class Walked:
+    """An expression within a loop over these sizes."""
+
+    sizes: list[Number]
+    text: str
+    leaves: list[Walk]
 
 
 def common(expressions: Sequence[Expression]) -> list[Number]:

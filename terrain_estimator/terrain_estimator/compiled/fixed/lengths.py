@@ -70,11 +70,7 @@ def written(value: Number) -> str:
 
 def indexed(offset: Number, variables: Sequence[tuple[str, Stride]]) -> str:
     """Return an index in C++: an offset, and variables with their strides."""
-    parts = [
-        _walked(name, stride)
-        for name, stride in variables
-        if stride != same(0)
-    ]
+    parts = [_walked(name, stride) for name, stride in variables if stride != same(0)]
     if offset != same(0) or not parts:
         parts.append(written(offset))
     return " + ".join(parts)
@@ -102,3 +98,32 @@ def nested_named(loops: Sequence[tuple[str, Number]], body: str, *, ivdep: bool 
         hint = "\n#pragma GCC ivdep\n  " if k == 0 and ivdep else ""
         text = f"{hint}for (int64_t {name} = 0; {name} < {written(size)}; ++{name}) {text}"
     return text
+
+
+Loop = tuple[Number, list[Stride]]
+"""The size of a loop, and how far it moves each operand."""
+
+
+def joined(
+    sizes: Sequence[Number], strides: Sequence[Sequence[Stride]], order: Sequence[int]
+) -> list[Loop]:
+    """Return loops from the outermost, neighbours joined where all operands allow it."""
+    loops: list[Loop] = []
+    for d in order:
+        size, own = sizes[d], [s[d] for s in strides]
+        if size == same(1):
+            continue
+        if loops:
+            outer, before = loops[-1]
+            if all(_joins(b, s, size) for b, s in zip(before, own, strict=True)):
+                loops[-1] = times(outer, size), own
+                continue
+        loops.append((size, own))
+    return loops
+
+
+def _joins(outer: Stride, inner: Stride, size: Number) -> bool:
+    """Return whether two loops with these strides of an operand are one."""
+    if isinstance(outer, Looked) or isinstance(inner, Looked):
+        return False
+    return outer == times(inner, size)

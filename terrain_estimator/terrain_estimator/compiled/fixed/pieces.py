@@ -6,12 +6,17 @@ What is stacked only to be summed or multiplied need not be written down before:
 into a loop of its own.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from terrain_estimator.compiled.fixed.expressions import Expression, Leaf
 from terrain_estimator.compiled.fixed.lengths import plus, same, times
 from terrain_estimator.compiled.fixed.recording import Number, Place
+
+_MOST_PIECES, _MOST_LEAVES = 4, 3
+_SHORTEST_ROW = 8
+"""Numbers that lie side by side in a piece."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,17 @@ def whole(expression: Expression) -> list[Piece]:
 def are_whole(pieces: Sequence[Piece]) -> bool:
     """Return whether there is but one piece."""
     return pieces[0].at < 0
+
+
+def cost_little(pieces: Sequence[Piece]) -> bool:
+    """Return whether pieces may be computed anew by each of a few uses."""
+    if are_whole(pieces) or len(pieces) > _MOST_PIECES:
+        return False
+    inner = times(same(1), *pieces[0].expression.sizes[pieces[0].at + 1 :])[0]
+    return all(
+        len(each.expression.leaves) <= _MOST_LEAVES and inner * each.length >= _SHORTEST_ROW
+        for each in pieces
+    )
 
 
 def narrowed(expression: Expression, at: int, start: int, length: int) -> Expression:
@@ -63,7 +79,7 @@ def cut(operands: Sequence[Sequence[Piece]]) -> list[tuple[int, int, int]]:
     """
     every = [piece for pieces in operands for piece in pieces if piece.at >= 0]
     ends = sorted({p.start for p in every} | {p.start + p.length for p in every})
-    return [(every[0].at, a, b - a) for a, b in zip(ends, ends[1:], strict=False)]
+    return [(every[0].at, a, b - a) for a, b in itertools.pairwise(ends)]
 
 
 def within(pieces: Sequence[Piece], at: int, start: int, length: int) -> Expression:

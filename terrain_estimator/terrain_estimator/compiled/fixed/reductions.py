@@ -5,7 +5,14 @@
 from collections.abc import Callable
 
 from terrain_estimator.compiled.fixed.expressions import Expression, Leaf
-from terrain_estimator.compiled.fixed.lengths import indexed, nested_named, same, times, written
+from terrain_estimator.compiled.fixed.lengths import (
+    indexed,
+    joined,
+    nested_named,
+    same,
+    times,
+    written,
+)
 from terrain_estimator.compiled.fixed.pieces import whole
 from terrain_estimator.compiled.fixed.recording import Step, UnfitError
 from terrain_estimator.compiled.fixed.writer import Writer
@@ -56,15 +63,15 @@ def _reduce_piece(
     start, function = _STARTS[name]
     for leaf in expression.leaves:
         form.pointer(leaf.buffer)
-    expression = form.walked(expression)
-    strides = [to.strides, *(leaf.strides for leaf in expression.leaves)]
-    outer = form.loops(expression.sizes, strides, kept)
-    summed = [d for d in range(len(expression.sizes)) if d not in kept]
-    inner = form.loops(expression.sizes, strides, summed)
+    walked = form.walked(expression)
+    strides = [to.strides, *(leaf.strides for leaf in walked.leaves)]
+    outer = joined(walked.sizes, strides, kept)
+    summed = [d for d in range(len(walked.sizes)) if d not in kept]
+    inner = joined(walked.sizes, strides, summed)
     loops = [*outer, *inner]
     index = [[(f"i{k}", each[n]) for k, (_, each) in enumerate(loops)] for n in range(len(strides))]
     target = f"b{to.buffer}[{indexed(to.offset, index[0])}]"
-    value = form.spelt(expression, index[1:])
+    value = form.spelt(walked, index[1:])
     wide = bool(outer) and outer[-1][0][0] >= 4 and bool(inner)
     if wide:
         # several results at once, in memory; each is still summed in its own order

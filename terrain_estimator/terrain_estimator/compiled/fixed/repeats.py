@@ -46,18 +46,16 @@ class Layout:
         """The sizes of what is held."""
         return (*self.sizes[: self.at], len(self.kept), *self.sizes[self.at + 1 :])
 
-    def walked(
-        self, offset: int, sizes: Sequence[int], strides: Sequence[int]
-    ) -> "Walk | None":
+    def walked(self, offset: int, sizes: Sequence[int], strides: Sequence[int]) -> "View | None":
         """Return how a view of the whole buffer walks through it; None where a table cannot."""
         found = walk_of(self.sizes, offset, sizes, strides)
         if found is None:
             return None
-        return Walk(self, *found, rows_of(self.held))
+        return View(self, *found, rows_of(self.held))
 
 
 @dataclass(frozen=True)
-class Walk:
+class View:
     """A view of a buffer with repeats: which of its dimensions each one of the view is."""
 
     layout: Layout
@@ -264,10 +262,8 @@ def _layout(ids: _Ids) -> Layout | None:
         return None
     for at, size in enumerate(ids.shape):
         rows = np.moveaxis(ids, at, 0).reshape(size, -1)
-        places: list[int] = []
         known: dict[bytes, int] = {}
-        for row in rows:
-            places.append(known.setdefault(np.ascontiguousarray(row).tobytes(), len(known)))
+        places = [known.setdefault(row.tobytes(), len(known)) for row in rows]
         if len(known) <= least * size and size > 1:
             best, least = Layout(ids.shape, at, tuple(places)), len(known) / size
     return best

@@ -7,11 +7,18 @@ from collections.abc import Sequence
 
 import torch
 
-from terrain_estimator.compiled.fixed.expressions import Expression, Leaf, number
+from terrain_estimator.compiled.fixed.expressions import (
+    Expression,
+    Leaf,
+    Walk,
+    Walked,
+    number,
+)
 from terrain_estimator.compiled.fixed.lengths import (
     Looked,
     Stride,
     indexed,
+    joined,
     nested,
     plus,
     same,
@@ -23,6 +30,7 @@ from terrain_estimator.compiled.fixed.pieces import (
     Pieces,
     are_whole,
     broadcast,
+    cost_little,
     cut,
     whole,
 )
@@ -32,10 +40,8 @@ from terrain_estimator.compiled.graphs import Anything
 
 _SLOW = re.compile(r"scalar::(div|reciprocal|sqrt|tan|erfc|remainder)\(")
 """Functions that take longer than to write a number and to read it."""
-_MOST_USES, _MOST_PIECES, _MOST_LEAVES = 3, 4, 3
-"""What is joined waits for its uses up to these numbers: each use computes it anew."""
-_SHORTEST_ROW = 8
-"""Numbers that lie side by side in a piece."""
+_MOST_USES = 3
+"""Uses of what is joined and waits: each computes it anew."""
 
 
 class Writer:
@@ -177,7 +183,7 @@ class Writer:
         self.pointer(value.buffer)
         return self.expression(value)
 
-    def spelt(self, expression: Expression, index: list[list[tuple[str, Stride]]]) -> str:
+    def spelt(self, expression: Walked, index: list[list[tuple[str, Stride]]]) -> str:
         """Return an expression at an index of each leaf: variables with their strides."""
         texts = []
         for leaf, own in zip(expression.leaves, index, strict=True):
@@ -188,7 +194,7 @@ class Writer:
 
     def walked(
         self, expression: Expression, chosen: Sequence[list[int] | None] | None = None
-    ) -> Expression:
+    ) -> Walked:
         """Return an expression whose leaves walk through what their buffers hold.
 
         ``chosen`` are the indices of each dimension that a loop takes, None for all of them.
@@ -196,10 +202,10 @@ class Writer:
         every = [None] * len(expression.sizes) if chosen is None else chosen
         sizes = expression.sizes
         leaves = [
-            Leaf(leaf.buffer, *self._physical(leaf.buffer, leaf.offset, sizes, leaf.strides, every))
+            Walk(leaf.buffer, *self._physical(leaf.buffer, leaf.offset, sizes, leaf.strides, every))
             for leaf in expression.leaves
         ]
-        return Expression(_taken(sizes, every), expression.text, leaves)
+        return Walked(_taken(sizes, every), expression.text, leaves)
 
     def _physical(
         self,
@@ -236,41 +242,24 @@ class Writer:
             listed = ", ".join(map(str, stride.table))
             self.lines.insert(0, f"static constexpr int16_t {stride.name}[] = {{{listed}}};")
 
-    def loops(
-        self, sizes: Sequence[Number], strides: Sequence[Sequence[Stride]], order: Sequence[int]
-    ) -> list[tuple[Number, list[Stride]]]:
-        """Return loops from the outermost, neighbours joined where all operands allow it."""
-        loops: list[tuple[Number, list[Stride]]] = []
-        for d in order:
-            size, own = sizes[d], [s[d] for s in strides]
-            if size == same(1):
-                continue
-            if loops:
-                outer, before = loops[-1]
-                if all(_joins(b, s, size) for b, s in zip(before, own, strict=True)):
-                    loops[-1] = times(outer, size), own
-                    continue
-            loops.append((size, own))
-        return loops
-
     def assign(self, to: Place, expression: Expression) -> None:
         """Write an expression into a place."""
         wide = expression.broadcast(to.sizes)
         for leaf in wide.leaves:
             self.pointer(leaf.buffer)
         chosen = self._chosen(to)
-        wide = self.walked(wide, chosen)
+        walked = self.walked(wide, chosen)
         offset, own = self._physical(to.buffer, to.offset, to.sizes, to.strides, chosen)
-        strides = [own, *(leaf.strides for leaf in wide.leaves)]
+        strides = [own, *(leaf.strides for leaf in walked.leaves)]
         order = sorted(range(len(to.sizes)), key=lambda d: -to.strides[d][1])
-        loops = self.loops(wide.sizes, strides, order)
+        loops = joined(walked.sizes, strides, order)
         index = [
             [(f"i{k}", own[n]) for k, (_, own) in enumerate(loops)] for n in range(len(strides))
         ]
         for _, stride in index[0]:
             self._keep(stride)
         target = f"b{to.buffer}[{indexed(offset, index[0])}]"
-        body = f"{target} = {self.spelt(wide, index[1:])};"
+        body = f"{target} = {self.spelt(walked, index[1:])};"
         self.lines.append(nested([size for size, _ in loops], body))
 
     def _chosen(self, to: Place) -> list[list[int] | None]:
@@ -302,17 +291,11 @@ class Writer:
 
     def _may_wait(self, to: Place, pieces: list[Piece]) -> bool:
         uses = self._uses.get(to.buffer, 0)
-        if to.buffer in self._returned or not 1 <= uses <= _MOST_USES or are_whole(pieces):
+        if to.buffer in self._returned or not 1 <= uses <= _MOST_USES:
             return False
-        if any(len(set(size)) > 1 for size in to.sizes) or len(pieces) > _MOST_PIECES:
+        if any(len(set(size)) > 1 for size in to.sizes):
             return False
-        row = times(*(to.sizes[pieces[0].at + 1 :] or [same(1)]))[0]
-        return all(
-            len(each.expression.leaves) <= _MOST_LEAVES
-            and not _SLOW.search(each.expression.text)
-            and row * each.length >= _SHORTEST_ROW
-            for each in pieces
-        )
+        return not any(_SLOW.search(p.expression.text) for p in pieces) and cost_little(pieces)
 
     def pieces(self, value: Anything, within: Sequence[Number] | None = None) -> list[Piece]:
         """Return an argument as pieces, see :meth:`expression`."""
@@ -372,10 +355,3 @@ def _taken(sizes: Sequence[Number], chosen: Sequence[list[int] | None]) -> list[
     return [
         size if each is None else same(len(each)) for size, each in zip(sizes, chosen, strict=True)
     ]
-
-
-def _joins(outer: Stride, inner: Stride, size: Number) -> bool:
-    """Return whether two loops with these strides of an operand are one."""
-    if isinstance(outer, Looked) or isinstance(inner, Looked):
-        return False
-    return outer == times(inner, size)
