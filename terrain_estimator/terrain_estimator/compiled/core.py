@@ -214,6 +214,25 @@ class CompiledModel:
 
         return read
 
+    def updater(
+        self, names: Sequence[str], size: int
+    ) -> tuple[Callable[[CompiledState, Floats], CompiledState], Floats]:
+        """Return a form of :meth:`update` that reads tensors of the new state, and their numbers.
+
+        These are ``size`` numbers in all, in an array that every update overwrites: one call of the
+        library is sooner made than two.
+        """
+        keys, out, run = self.keys(names), np.empty(size), self._functions["run"]
+        first, start = keys.ctypes.data, out.ctypes.data
+
+        def update(state: CompiledState, packed: Floats) -> CompiledState:
+            # the sizes keep both arrays, whose addresses are handed over
+            at, given = state.pointer, packed.tobytes()
+            after = run(at, given, 1, packed.size, first, keys.size, start, out.size)
+            return self._state(after)
+
+        return update, out
+
     def run(
         self, state: CompiledState, packed: Floats, names: Sequence[str], width: int
     ) -> tuple[CompiledState, Floats]:

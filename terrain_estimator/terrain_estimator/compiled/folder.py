@@ -77,9 +77,8 @@ def flags_by_end() -> dict[str, tuple[str, ...]]:
     """
     if platform.machine() != "x86_64":
         return {PLAIN: ()}
-    # compilers take half of the widest registers, unless they are told to take all
-    wide = {
-        end: (*(f"-m{each}" for each in needed), "-mprefer-vector-width=512")
-        for end, needed in WIDE.items()
-    }
+    # compilers take half of the widest registers, unless they are told to take all; loops that they
+    # write out number by number fill the cache of instructions
+    more = ("-mprefer-vector-width=512", "--param=max-completely-peeled-insns=48")
+    wide = {end: (*(f"-m{each}" for each in needed), *more) for end, needed in WIDE.items()}
     return {PLAIN: (), **wide}

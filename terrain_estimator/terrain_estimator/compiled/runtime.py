@@ -29,9 +29,13 @@ class CompiledRuntime:
             for names in (("usable",), ("single_misses",), PUBLISHED)
         )
         self._rows = rows
-        self._every = core.reader((*SCALARS, "usable"), len(SCALARS) + axles)
-        closed = (*PUBLISHED, "single_misses", "white_misses")
-        self._closed = core.reader(closed, of_posterior + 2 * rows)
+        told = (*SCALARS, "usable", *PUBLISHED, "single_misses", "white_misses")
+        every = len(SCALARS) + axles
+        self._read = core.reader(told, every + of_posterior + 2 * rows)
+        self._update, numbers = core.updater(told, every + of_posterior + 2 * rows)
+        self._told, self._posterior, self._misses = np.split(numbers, [every, every + of_posterior])
+        self._numbers, self._last = numbers, start
+        numbers[:] = self._read(start)
         self._soils = core.reader(("soils",), start["soils"].size)
 
     def initial(self) -> CompiledState:
@@ -46,7 +50,8 @@ class CompiledRuntime:
 
     def update(self, state: CompiledState, packed: Floats) -> CompiledState:
         """Return the state after one packed observation [P]."""
-        return self._core.update(state, packed)
+        self._last = self._update(state, packed)
+        return self._last
 
     def discard(self, state: CompiledState) -> CompiledState:
         """Return the state without the open block."""
@@ -67,14 +72,16 @@ class CompiledRuntime:
 
     def report(self, state: CompiledState) -> Report:
         """Return the report of the last update."""
-        numbers: list[float] = self._every(state).tolist()
+        if state is not self._last:
+            self._numbers[:] = self._read(state)
+            self._last = state
+        numbers: list[float] = self._told.tolist()
         waiting, published, misses = 0, 0.0, (_NONE, _NONE)
         if numbers[CLOSED] > 0.0:
             waiting = self._core.length(state, "block")
-            posterior, first = self._closed(state), -2 * self._rows
-            own = posterior[first:].copy()
-            published = float(posterior[:first].sum())
-            misses = (own[: self._rows], own[self._rows :])
+            published = sum(self._posterior.tolist())
+            own = self._misses.copy()
+            misses = own[: self._rows], own[self._rows :]
         usable = [value > 0.0 for value in numbers[len(SCALARS) :]]
         return report_of(numbers[: len(SCALARS)], usable, waiting, published, misses)
 

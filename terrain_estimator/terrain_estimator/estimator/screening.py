@@ -12,7 +12,9 @@ value, would bias what is left. So a sinkage that noise makes slightly negative 
 """
 
 import dataclasses
+import functools
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -64,7 +66,7 @@ def screen(
     ``sinkage_needed`` says that no balance may replace a sinkage. ``wheels`` are those of a
     model by wheel, which may turn and back out; None: the model is by axle.
     """
-    rims, names = rims_of(observation, rover.wheel_radius), _names(observation, wheels)
+    rims = rims_of(observation, rover.wheel_radius)
     refusal = (
         _refuse_time(observation.stamp_ns, previous_stamp_ns)
         or refuse_standstill(observation, rims, config.standstill_speed)
@@ -80,14 +82,15 @@ def screen(
         refusal = refusal or refuse_motion(observation, wheels)
     if refusal is not None:
         return Screening(refusal[0], observation, refusal[1])
+    names = functools.partial(_names, observation, wheels)
     missing = _without_sinkage(observation)
     if missing and sinkage_needed:
-        return Screening(Outcome.NOT_FINITE, observation, _named(missing, names))
-    if missing and wheels is not None and (spinning := _spinning(observation, names)):
+        return Screening(Outcome.NOT_FINITE, observation, _named(missing, names()))
+    if missing and wheels is not None and (spinning := _spinning(observation, names())):
         return Screening(Outcome.OUT_OF_RANGE, observation, spinning)
     screening = _mask(observation, rims, rover.wheel_radius, config, names)
     if missing and screening.outcome.used and (lacking := _lacking(screening.observation)):
-        detail = f"{_named(missing, names)}; to do without it, measure {lacking}"
+        detail = f"{_named(missing, names())}; to do without it, measure {lacking}"
         return Screening(Outcome.NOT_FINITE, observation, detail)
     return screening
 
@@ -106,7 +109,8 @@ def impossible(observation: Observation, wheel_radius_m: float, *, by_wheel: boo
         return refusal[1]
     rims = rims_of(observation, wheel_radius_m)
     config = CoreConfig().of_model(by_wheel=by_wheel)
-    screening = _mask(observation, rims, wheel_radius_m, config, _names(observation, None))
+    names = functools.partial(_names, observation, None)
+    screening = _mask(observation, rims, wheel_radius_m, config, names)
     return "" if screening.outcome is Outcome.ACCEPTED else screening.detail
 
 
@@ -156,11 +160,12 @@ def _mask(
     rims: list[float],
     radius: float,
     config: CoreConfig,
-    names: list[str],
+    names: Callable[[], list[str]],
 ) -> Screening:
     """Mask optional sensors that cannot be used; refuse where an axle cannot."""
     if faults := faults_of(observation, radius, config):
-        detail = "; ".join(f"{names[each.wheel]}: {each.detail}" for each in faults)
+        every = names()
+        detail = "; ".join(f"{every[each.wheel]}: {each.detail}" for each in faults)
         return Screening(worst(faults), observation, detail)
     changes: dict[str, Floats | float] = {}
     details = [
@@ -170,7 +175,8 @@ def _mask(
     missing = _without_sinkage(observation)
     if 0 < len(missing) < len(observation.sinkage):
         changes["sinkage"] = np.full_like(observation.sinkage, math.nan)
-        where = ", ".join(names[axle] for axle in missing)
+        every = names()
+        where = ", ".join(every[axle] for axle in missing)
         details.append(f"{where}: sinkage is nan: the balances tell that of all")
     masked = observation
     if details:
@@ -229,7 +235,7 @@ def _mask_rates(
     rims: list[float],
     radius: float,
     changes: dict[str, Floats | float],
-    names: list[str],
+    names: Callable[[], list[str]],
 ) -> list[str]:
     """Mask wheel rates that no wheel has, and the torques with them.
 
@@ -241,15 +247,16 @@ def _mask_rates(
     absurd = [abs(rate) * radius > FASTEST for rate in rates.tolist()]
     changes["wheel_rate"] = np.where(absurd, np.nan, rates)
     changes["torque"] = np.where(absurd, np.nan, observation.torque)
+    every = names()
     return [
-        f"{names[axle]}: wheel rate {rates[axle]:g} rad/s: its rim would be faster than"
+        f"{every[axle]}: wheel rate {rates[axle]:g} rad/s: its rim would be faster than"
         f" {FASTEST:g} m/s"
         for axle in np.flatnonzero(absurd)
     ]
 
 
 def _mask_optional(
-    observation: Observation, changes: dict[str, Floats | float], names: list[str]
+    observation: Observation, changes: dict[str, Floats | float], names: Callable[[], list[str]]
 ) -> list[str]:
     """Mask torque, acceleration and bogie angle that are given but unusable.
 
@@ -281,9 +288,9 @@ def _mask_optional(
     ]
     if any(faulty):
         changes["torque"] = np.where(faulty, np.nan, changes.get("torque", torque))
-        words = "{}: torque {:g} N m with standard deviation {:g}"
+        every, words = names(), "{}: torque {:g} N m with standard deviation {:g}"
         details += [
-            words.format(names[axle], torque[axle], observation.torque_sd[axle])
+            words.format(every[axle], torque[axle], observation.torque_sd[axle])
             for axle in np.flatnonzero(faulty)
         ]
     return details

@@ -65,15 +65,17 @@ def _are_usable(observation: Observation, radius: float, config: CoreConfig) -> 
     """Return whether :func:`_wheel_fault` finds none: one expression for what nearly all are."""
     least, most = DEVIATIONS
     lowest, highest = config.slip_minimum, config.slip_maximum
-    return all(
-        lowest <= slip < highest
-        and 0.0 < sinkage < radius
-        and -_STEEPEST_GROUND < angle < _STEEPEST_GROUND
-        and least <= slip_sd <= most
-        and least <= sinkage_sd <= most
-        and least <= angle_sd <= most
-        for slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd in _wheels(observation)
-    )
+    for slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd in _wheels(observation):
+        if not (
+            lowest <= slip < highest
+            and 0.0 < sinkage < radius
+            and -_STEEPEST_GROUND < angle < _STEEPEST_GROUND
+            and least <= slip_sd <= most
+            and least <= sinkage_sd <= most
+            and least <= angle_sd <= most
+        ):
+            return False
+    return True
 
 
 def _wheel_fault(

@@ -31,6 +31,8 @@ class Operators(nn.Module):
 
     weight: Tensor
     bias: Tensor
+    moves: Tensor
+    others: Tensor
 
     def __init__(self) -> None:
         super().__init__()
@@ -38,6 +40,10 @@ class Operators(nn.Module):
             "weight", torch.linspace(-1.0, 1.0, 20, dtype=torch.float64).view(5, 4)
         )
         self.register_buffer("bias", torch.linspace(0.0, 1.0, 5, dtype=torch.float64))
+        moves = torch.tensor([0.0, 1.0, 0.0, -1.0, 1.0, 0.0, 1.0, 0.0], dtype=torch.float64)
+        self.register_buffer("moves", moves.view(8, 1, 1))
+        others = torch.tensor([0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0], dtype=torch.float64)
+        self.register_buffer("others", others.view(8, 1, 1))
         self.scale, self.count, self.names = 0.1, 3, [2, 1]
         self.limits = (1.5, 2, True)
 
@@ -264,6 +270,24 @@ class Operators(nn.Module):
             torch.diag(v), x.index_select(1, places), x[:, places], torch.eye(3, dtype=x.dtype),
             torch.zeros_like(x), torch.ones_like(v),
             m.diagonal() + v, x.expand(2, -1, -1).reshape(2, 12), (x > 0.0).to(x.dtype),
+        ]  # fmt: skip
+        flat = torch.zeros(0, dtype=v.dtype)
+        for part in each:
+            flat = torch.cat([flat, part.flatten()])
+        return flat
+
+    @torch.jit.export
+    def in_repeats(self, x: Tensor, y: Tensor, v: Tensor, m: Tensor, k: Tensor) -> Tensor:
+        """Parts with the same numbers, and what is stacked only to be summed."""
+        moved = torch.addcmul(x, self.moves, y)
+        powers = (moved.abs() + 1.0) ** (self.others + v.abs())
+        sine, other = moved.sin(), (x - self.others * v).cos() * y
+        both = torch.stack([sine * other, powers * sine])
+        longer = torch.cat([sine[1:6], torch.maximum(other[:2], sine[2:4])])
+        each = [
+            (both * sine).sum(1), (both * moved.exp()).sum(0), both.sum([0, 1]),
+            (longer * v).permute(1, 0, 2).flatten(1), sine.permute(2, 0, 1).amax(0), sine[5] + y,
+            powers.mean([1, 2]), sine.flatten(0, 1) @ m,
         ]  # fmt: skip
         flat = torch.zeros(0, dtype=v.dtype)
         for part in each:

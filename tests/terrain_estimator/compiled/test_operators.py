@@ -179,16 +179,41 @@ def test_a_fixed_form_gives_the_bytes_of_the_general_one(
         assert own == (0 if name in WITHOUT_FIXED_FORM else 20)
 
 
-def test_a_slow_function_is_not_repeated_in_a_larger_loop(loaded: torch.jit.ScriptModule) -> None:
-    graphs = Graphs(loaded)
+def form_of(module: torch.jit.ScriptModule, method: str) -> str:
+    """Return the fixed form of a method."""
+    graphs = Graphs(module)
     translation = Translation(graphs)
-    name = translation.method("in_loops")
-    known = [[inputs(0, special=False)]]
-    (form,) = fixed_forms(graphs, {}, name, translation.heads[name], known)
+    name, known = translation.method(method), [[inputs(0, special=False)]]
+    constants = addresses_of(translation)
+    (form,) = fixed_forms(graphs, constants, name, translation.heads[name], known)
+    return form
+
+
+def test_a_slow_function_is_not_repeated_in_a_larger_loop(loaded: torch.jit.ScriptModule) -> None:
+    form = form_of(loaded, "in_loops")
     loops = [line for line in form.splitlines() if "scalar::sqrt(scalar::add(scalar::mul(" in line]
     assert len(loops) == 1
     assert "i0 < 4;" in loops[0]
     assert "i1" not in loops[0]
+
+
+def test_slices_that_repeat_are_computed_once(loaded: torch.jit.ScriptModule) -> None:
+    form = form_of(loaded, "in_repeats")
+    counts = {
+        name: [int(n) for n in re.findall(rf"series::{name}\(.*, (\d+)\);", form)]
+        for name in ("exp", "pow", "cos")
+    }
+    # of eight moves three differ, of the others two, of both five
+    assert counts == {"exp": [3 * 12], "pow": [5 * 12], "cos": [2 * 12]}
+
+
+def test_what_is_stacked_to_be_summed_is_not_written_before(
+    loaded: torch.jit.ScriptModule,
+) -> None:
+    form = form_of(loaded, "in_repeats")
+    sums = [line for line in form.splitlines() if "= scalar::add(" in line]
+    products = [line for line in sums if line.count("scalar::mul(") == 2]
+    assert len(products) == 2, "one for each of the two that are stacked"
 
 
 def test_the_interpreter_gives_what_torch_gives(loaded: torch.jit.ScriptModule) -> None:

@@ -5,7 +5,15 @@
 from collections.abc import Callable
 
 from terrain_estimator.compiled.fixed.expressions import Expression, Leaf, combined
-from terrain_estimator.compiled.fixed.lengths import indexed, nested, plus, same, times, written
+from terrain_estimator.compiled.fixed.lengths import (
+    indexed,
+    joined,
+    nested,
+    plus,
+    same,
+    times,
+    written,
+)
 from terrain_estimator.compiled.fixed.recording import Number, Place, Step, UnfitError
 from terrain_estimator.compiled.fixed.writer import Writer
 
@@ -35,7 +43,7 @@ def _matmul(form: Writer, step: Step) -> None:
         strides[2].append(own[1][1])
     out = form.rows(result.buffer, [*sizes, m, n])
     strides[0] = list(out.strides[:-2])
-    loops = form.loops(sizes, strides, range(batch))
+    loops = joined(sizes, strides, range(batch))
     am, ak = left.strides[-2], left.strides[-1]
     bk, bn = right.strides[-2], right.strides[-1]
     height = m

@@ -4,22 +4,37 @@
 
 from collections.abc import Callable
 
-from terrain_estimator.compiled.fixed.expressions import Expression, number
+from terrain_estimator.compiled.fixed.expressions import Expression, Leaf, number
 from terrain_estimator.compiled.fixed.lengths import plus, same
+from terrain_estimator.compiled.fixed.pieces import Piece
 from terrain_estimator.compiled.fixed.recording import Place, Step, UnfitError
 from terrain_estimator.compiled.fixed.writer import Writer
 
 
 def _copy(form: Writer, step: Step) -> None:
     (result,), source = step.results, step.arguments[0]
-    expression = form.expression(source)
+    pieces = form.pieces(source)
     form.new(result.buffer)
-    form.assign(form.rows(result.buffer, expression.sizes), expression)
+    form.assign_all(form.rows(result.buffer, source.sizes), pieces)
 
 
 def _cat(form: Writer, step: Step) -> None:
     (result,), (parts, dim) = step.results, step.arguments
     at = dim[0] % len(result.sizes)
+    found, start = [], 0
+    for part in parts:
+        # what is empty may have another number of dimensions
+        length = part.sizes[at] if len(part.sizes) == len(result.sizes) else same(0)
+        if len(set(length)) > 1:
+            _cat_of_any_length(form, result, at, parts)
+            return
+        if length != same(0):
+            found.append(Piece(at, start, length[0], form.expression(part)))
+        start += length[0]
+    form.wait(result, found)
+
+
+def _cat_of_any_length(form: Writer, result: Place, at: int, parts: list[Place]) -> None:
     expressions = [form.expression(p) for p in parts if len(p.sizes) == len(result.sizes)]
     form.new(result.buffer)
     start = same(0)
@@ -33,10 +48,16 @@ def _cat(form: Writer, step: Step) -> None:
 def _stack(form: Writer, step: Step) -> None:
     (result,), (parts, dim) = step.results, step.arguments
     at = dim[0] % len(result.sizes)
-    expressions = [form.expression(p) for p in parts]
-    form.new(result.buffer)
-    for k, expression in enumerate(expressions):
-        form.assign(form.selected(result, at, same(k)), expression)
+    found = []
+    for k, part in enumerate(parts):
+        one = form.expression(part).broadcast(part.sizes)
+        leaves = [
+            Leaf(e.buffer, e.offset, [*e.strides[:at], same(0), *e.strides[at:]])
+            for e in one.leaves
+        ]
+        sizes = [*one.sizes[:at], same(1), *one.sizes[at:]]
+        found.append(Piece(at, k, 1, Expression(sizes, one.text, leaves)))
+    form.wait(result, found)
 
 
 def _pad(form: Writer, step: Step) -> None:

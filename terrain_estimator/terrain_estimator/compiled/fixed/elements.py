@@ -12,6 +12,7 @@ import torch
 
 from terrain_estimator.compiled.fixed.expressions import Expression, combined, number
 from terrain_estimator.compiled.fixed.lengths import same, written
+from terrain_estimator.compiled.fixed.pieces import Piece, broadcast, within
 from terrain_estimator.compiled.fixed.recording import Place, Step, UnfitError
 from terrain_estimator.compiled.fixed.writer import Writer
 from terrain_estimator.compiled.graphs import Anything
@@ -30,56 +31,77 @@ _NAMES = {name: name for name in _SAME} | {
 
 def _element(form: Writer, step: Step) -> None:
     """Leave an operator on elements to the loop that uses it."""
-    (result,), name = step.results, step.name
+    (result,), values = step.results, _values(step)
+    found, cuts = form.cuts(values, result.sizes)
+    if not cuts:
+        expression = _expression(step, [each[0].expression for each in found])
+        form.defer(result.buffer, expression.broadcast(result.sizes))
+        return
+    pieces = []
+    for at, start, length in cuts:
+        sizes = [*result.sizes[:at], same(length), *result.sizes[at + 1 :]]
+        parts = [
+            within(broadcast(each, result.sizes, len(result.sizes)), at, start, length)
+            for each in found
+        ]
+        expression = _expression(step, parts).broadcast(sizes)
+        pieces.append(Piece(at, start, length, expression))
+    form.wait(result, pieces)
 
-    def read(value: Anything) -> Expression:
-        return form.expression(value, result.sizes)
 
+def _values(step: Step) -> list[Any]:
+    """Return the arguments of an operator on elements that are tensors or numbers of its own."""
+    name, given = step.name, step.arguments
     if name in _SPECIAL:
-        expression = _SPECIAL[name]([*step.arguments], read)
-    else:
-        count = {"where": 3, "addcmul": 3, "lerp": 3}.get(name) or len(
-            [a for a in step.arguments[:2] if a is not None]
-        )
-        if name in ("add", "sub") and step.arguments[2] != same(1):
-            raise UnfitError("a sum with a factor")
-        parts = [read(a) for a in step.arguments[:count]]
-        if name == "clone":
-            parts = parts[:1]
-        holes = ", ".join(f"{{{k}}}" for k in range(len(parts)))
-        expression = combined(f"scalar::{_NAMES[name]}({holes})", parts)
-    form.defer(result.buffer, expression.broadcast(result.sizes))
+        return given[: 2 if name == "rsub" else 1]
+    if name in ("add", "sub") and given[2] != same(1):
+        raise UnfitError("a sum with a factor")
+    count = {"where": 3, "addcmul": 3, "lerp": 3, "clone": 1}.get(name) or len(
+        [a for a in given[:2] if a is not None]
+    )
+    return given[:count]
+
+
+def _expression(step: Step, parts: list[Expression]) -> Expression:
+    """Return an operator on elements of its arguments."""
+    name = step.name
+    if name in _SPECIAL:
+        rest = [*parts, *step.arguments[len(parts) :]]
+        return _SPECIAL[name](rest, lambda value: value)
+    holes = ", ".join(f"{{{k}}}" for k in range(len(parts)))
+    return combined(f"scalar::{_NAMES[name]}({holes})", parts)
 
 
 def _series(form: Writer, step: Step) -> None:
     """Write an elementary function as a loop of its own in the runtime, over rows of numbers."""
     (result,), source = step.results, step.arguments[0]
     exponent = [_spare(form, step.arguments[1], result)] if step.name == "pow" else []
-    if _is_whole(form, source, result) and form.is_used_again(source.buffer):
+    if _is_alike(form, source, result) and form.is_used_again(source.buffer):
         pointer = form.pointer(source.buffer)
         form.new(result.buffer)
     else:
         expression, pointer = form.expression(source), f"b{result.buffer}"
         form.new(result.buffer)
         form.assign(form.rows(result.buffer, result.sizes), expression)
-    count = written(form.buffers[result.buffer].count)
+    count = written(form.held(result.buffer))
     given = ", ".join([pointer, *exponent, f"b{result.buffer}", count])
     form.lines.append(f"series::{step.name}({given});")
 
 
 def _spare(form: Writer, value: Anything, result: Place) -> str:
     """Return the pointer to a number for each of a result's."""
-    if _is_whole(form, value, result):
+    if _is_alike(form, value, result):
         return form.pointer(value.buffer)
     expression = form.expression(value)
-    place = form.spare(result.sizes)
+    place = form.spare(result)
     form.assign(place, expression)
     return form.pointer(place.buffer)
 
 
-def _is_whole(form: Writer, value: Anything, result: Place) -> bool:
-    """Return whether a value is a buffer by rows, with the sizes of a result."""
-    return isinstance(value, Place) and value == form.rows(value.buffer, result.sizes)
+def _is_alike(form: Writer, value: Anything, result: Place) -> bool:
+    """Return whether a value is a whole buffer, laid out like a result."""
+    whole = isinstance(value, Place) and value == form.rows(value.buffer, result.sizes)
+    return whole and form.is_alike(value.buffer, result.buffer)
 
 
 def _pow(form: Writer, step: Step) -> None:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from terrain_estimator.compiled.fixed.lengths import same
+from terrain_estimator.compiled.fixed.lengths import Stride, same
 from terrain_estimator.compiled.fixed.recording import Number
 
 
@@ -26,7 +26,7 @@ class Leaf:
 
     buffer: int
     offset: Number
-    strides: list[Number]
+    strides: Sequence[Number]
 
 
 @dataclass
@@ -52,6 +52,24 @@ class Expression:
             for leaf in self.leaves
         ]  # fmt: skip
         return Expression(list(sizes), self.text, leaves)
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A tensor within a loop: where it begins and how far each dimension moves."""
+
+    buffer: int
+    offset: Number
+    strides: Sequence[Stride]
+
+
+@dataclass(frozen=True)
+class Walked:
+    """An expression within a loop over these sizes."""
+
+    sizes: list[Number]
+    text: str
+    leaves: list[Walk]
 
 
 def common(expressions: Sequence[Expression]) -> list[Number]:

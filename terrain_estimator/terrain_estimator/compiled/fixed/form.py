@@ -17,6 +17,7 @@ from terrain_estimator.compiled.fixed.expressions import Expression, number
 from terrain_estimator.compiled.fixed.lengths import written
 from terrain_estimator.compiled.fixed.recording import Place, Record, Step, UnfitError, flat
 from terrain_estimator.compiled.fixed.reductions import REDUCTIONS
+from terrain_estimator.compiled.fixed.repeats import layouts
 from terrain_estimator.compiled.fixed.room import packed
 from terrain_estimator.compiled.fixed.writer import Writer
 from terrain_estimator.compiled.graphs import Anything
@@ -38,7 +39,8 @@ class FixedForm:
         self._record, self._buffers = record, record.buffers
         self._returned = {p.buffer for p in flat(record.result)}
         self._needed = self._find_needed()
-        self._writer = Writer(record.buffers, self._returned, self._find_uses())
+        repeats = layouts(record, self._needed, [*ELEMENTS], [*REDUCTIONS, *COPIES])
+        self._writer = Writer(record.buffers, self._returned, self._find_uses(), repeats)
 
     def text(self) -> tuple[str, list[int]]:
         """Return the body of the form, and the buffers of the arguments that it reads."""
@@ -98,7 +100,7 @@ class FixedForm:
         writer = self._writer
         if step.operator == "guard":
             (place,) = step.arguments
-            value = writer.spelt(writer.expression(place), [[]])
+            value = writer.spelt(writer.walked(writer.expression(place)), [[]])
             sign = "==" if step.expected else "!="
             writer.lines.append(f"if ({value} {sign} 0.0) return false;")
         elif all(self._buffers[p.buffer].constant for p in step.results):

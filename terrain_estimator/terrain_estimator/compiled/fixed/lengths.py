@@ -3,11 +3,29 @@
 """Integers that may grow with the number of hypotheses, and the C++ made of them alone."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from terrain_estimator.compiled.fixed.recording import Number, UnfitError
 
 RUNS: Number = (2, 3, 4)
 """What grows, in the three runs: H in the C++, the number of hypotheses or 2 + an index."""
+
+
+@dataclass(frozen=True)
+class Looked:
+    """A stride times a number that a table has for each index."""
+
+    table: tuple[int, ...]
+    stride: int
+
+    @property
+    def name(self) -> str:
+        """The table's name in C++."""
+        return "at_" + "_".join(map(str, self.table))
+
+
+Stride = Number | Looked
+"""How far one index moves, of a table or of the index itself."""
 
 
 def same(value: int) -> Number:
@@ -50,16 +68,18 @@ def written(value: Number) -> str:
     return " + ".join(parts) if len(parts) == 1 else f"({' + '.join(parts)})"
 
 
-def indexed(offset: Number, variables: Sequence[tuple[str, Number]]) -> str:
+def indexed(offset: Number, variables: Sequence[tuple[str, Stride]]) -> str:
     """Return an index in C++: an offset, and variables with their strides."""
-    parts = [
-        name if stride == same(1) else f"{name} * {_bracketed(written(stride))}"
-        for name, stride in variables
-        if stride != same(0)
-    ]
+    parts = [_walked(name, stride) for name, stride in variables if stride != same(0)]
     if offset != same(0) or not parts:
         parts.append(written(offset))
     return " + ".join(parts)
+
+
+def _walked(name: str, stride: Stride) -> str:
+    if isinstance(stride, Looked):
+        name, stride = f"{stride.name}[{name}]", same(stride.stride)
+    return name if stride == same(1) else f"{name} * {_bracketed(written(stride))}"
 
 
 def _bracketed(text: str) -> str:
@@ -78,3 +98,32 @@ def nested_named(loops: Sequence[tuple[str, Number]], body: str, *, ivdep: bool 
         hint = "\n#pragma GCC ivdep\n  " if k == 0 and ivdep else ""
         text = f"{hint}for (int64_t {name} = 0; {name} < {written(size)}; ++{name}) {text}"
     return text
+
+
+Loop = tuple[Number, list[Stride]]
+"""The size of a loop, and how far it moves each operand."""
+
+
+def joined(
+    sizes: Sequence[Number], strides: Sequence[Sequence[Stride]], order: Sequence[int]
+) -> list[Loop]:
+    """Return loops from the outermost, neighbours joined where all operands allow it."""
+    loops: list[Loop] = []
+    for d in order:
+        size, own = sizes[d], [s[d] for s in strides]
+        if size == same(1):
+            continue
+        if loops:
+            outer, before = loops[-1]
+            if all(_joins(b, s, size) for b, s in zip(before, own, strict=True)):
+                loops[-1] = times(outer, size), own
+                continue
+        loops.append((size, own))
+    return loops
+
+
+def _joins(outer: Stride, inner: Stride, size: Number) -> bool:
+    """Return whether two loops with these strides of an operand are one."""
+    if isinstance(outer, Looked) or isinstance(inner, Looked):
+        return False
+    return outer == times(inner, size)

@@ -4,7 +4,16 @@
 
 from collections.abc import Callable
 
-from terrain_estimator.compiled.fixed.lengths import indexed, nested_named, same, times, written
+from terrain_estimator.compiled.fixed.expressions import Expression, Leaf
+from terrain_estimator.compiled.fixed.lengths import (
+    indexed,
+    joined,
+    nested_named,
+    same,
+    times,
+    written,
+)
+from terrain_estimator.compiled.fixed.pieces import whole
 from terrain_estimator.compiled.fixed.recording import Step, UnfitError
 from terrain_estimator.compiled.fixed.writer import Writer
 
@@ -19,30 +28,50 @@ def _reduce(form: Writer, step: Step) -> None:
     """Write a reduction: one result after the other, or several at once in memory."""
     (result,), source, name = step.results, step.arguments[0], step.name
     given = step.arguments[1] if len(step.arguments) > 2 else None
-    expression = form.expression(source)
-    rank = len(expression.sizes)
+    rank = len(source.sizes)
     dims = (
         [d[0] % rank for d in given]
         if isinstance(given, list) and given
         else ([given[0] % rank] if isinstance(given, tuple) else list(range(rank)))
     )
-    start, function = _STARTS[name]
     if form.buffers[result.buffer].kind == "kInteger" and name == "mean":
         raise UnfitError("a mean of integers")
+    pieces = form.pieces(source)
+    if pieces[0].at in dims:
+        pieces = whole(form.stored(source))
     form.new(result.buffer)
     kept = [d for d in range(rank) if d not in dims]
-    out = form.rows(result.buffer, [expression.sizes[d] for d in kept])
+    out = form.rows(result.buffer, [source.sizes[d] for d in kept])
     own = dict(zip(kept, out.strides, strict=True))
     outs = [own.get(d, same(0)) for d in range(rank)]
-    strides = [outs, *(leaf.strides for leaf in expression.leaves)]
+    for piece in pieces:
+        first = same(0) if piece.at < 0 else times(same(piece.start), own[piece.at])
+        _reduce_piece(form, piece.expression, name, kept, Leaf(result.buffer, first, outs))
+    if name == "mean":
+        total, count = times(*source.sizes), times(*(out.sizes or [same(1)]))
+        divisor = f"(static_cast<double>({written(total)}) / static_cast<double>({written(count)}))"
+        place = f"b{result.buffer}[i0]"
+        form.lines.append(
+            nested_named([("i0", count)], f"{place} = {place} / {divisor};", ivdep=True)
+        )
+
+
+def _reduce_piece(
+    form: Writer, expression: Expression, name: str, kept: list[int], to: Leaf
+) -> None:
+    """Write the reduction of an expression whose dimensions ``kept`` are those of the result."""
+    start, function = _STARTS[name]
     for leaf in expression.leaves:
         form.pointer(leaf.buffer)
-    outer = form.loops(expression.sizes, strides, kept)
-    inner = form.loops(expression.sizes, strides, sorted(dims))
+    walked = form.walked(expression)
+    strides = [to.strides, *(leaf.strides for leaf in walked.leaves)]
+    outer = joined(walked.sizes, strides, kept)
+    summed = [d for d in range(len(walked.sizes)) if d not in kept]
+    inner = joined(walked.sizes, strides, summed)
     loops = [*outer, *inner]
     index = [[(f"i{k}", each[n]) for k, (_, each) in enumerate(loops)] for n in range(len(strides))]
-    target = f"b{result.buffer}[{indexed(same(0), index[0])}]"
-    value = form.spelt(expression, index[1:])
+    target = f"b{to.buffer}[{indexed(to.offset, index[0])}]"
+    value = form.spelt(walked, index[1:])
     wide = bool(outer) and outer[-1][0][0] >= 4 and bool(inner)
     if wide:
         # several results at once, in memory; each is still summed in its own order
@@ -69,13 +98,6 @@ def _reduce(form: Writer, step: Step) -> None:
                 [(f"i{k}", s) for k, (s, _) in enumerate(outer)],
                 f"{{ double total = {start}; {sums} {target} = total; }}",
             )
-        )
-    if name == "mean":
-        total, count = times(*expression.sizes), times(*(out.sizes or [same(1)]))
-        divisor = f"(static_cast<double>({written(total)}) / static_cast<double>({written(count)}))"
-        place = f"b{result.buffer}[i0]"
-        form.lines.append(
-            nested_named([("i0", count)], f"{place} = {place} / {divisor};", ivdep=True)
         )
 
 

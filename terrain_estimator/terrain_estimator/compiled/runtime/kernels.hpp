@@ -29,6 +29,38 @@ typedef double Lanes __attribute__((vector_size(8 * kLanes), aligned(8), may_ali
 TERRAIN_INLINE Lanes& lanes(double* at) { return *reinterpret_cast<Lanes*>(at); }
 TERRAIN_INLINE const Lanes& lanes(const double* at) { return *reinterpret_cast<const Lanes*>(at); }
 
+// Rows become columns.
+TERRAIN_INLINE void transpose(Lanes (&x)[kLanes]) {
+#if defined(__AVX512F__)
+  for (int i = 0; i < 8; i += 2) {
+    const Lanes a = x[i], b = x[i + 1];
+    x[i] = Lanes{a[0], b[0], a[2], b[2], a[4], b[4], a[6], b[6]};
+    x[i + 1] = Lanes{a[1], b[1], a[3], b[3], a[5], b[5], a[7], b[7]};
+  }
+  for (int i : {0, 1, 4, 5}) {
+    const Lanes a = x[i], b = x[i + 2];
+    x[i] = Lanes{a[0], a[1], b[0], b[1], a[4], a[5], b[4], b[5]};
+    x[i + 2] = Lanes{a[2], a[3], b[2], b[3], a[6], a[7], b[6], b[7]};
+  }
+  for (int i = 0; i < 4; ++i) {
+    const Lanes a = x[i], b = x[i + 4];
+    x[i] = Lanes{a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]};
+    x[i + 4] = Lanes{a[4], a[5], a[6], a[7], b[4], b[5], b[6], b[7]};
+  }
+#elif defined(__AVX__)
+  const Lanes a{x[0][0], x[1][0], x[0][2], x[1][2]}, b{x[0][1], x[1][1], x[0][3], x[1][3]};
+  const Lanes c{x[2][0], x[3][0], x[2][2], x[3][2]}, d{x[2][1], x[3][1], x[2][3], x[3][3]};
+  x[0] = Lanes{a[0], a[1], c[0], c[1]};
+  x[1] = Lanes{b[0], b[1], d[0], d[1]};
+  x[2] = Lanes{a[2], a[3], c[2], c[3]};
+  x[3] = Lanes{b[2], b[3], d[2], d[3]};
+#else
+  const Lanes a{x[0][0], x[1][0]}, b{x[0][1], x[1][1]};
+  x[0] = a;
+  x[1] = b;
+#endif
+}
+
 // c[R, P lanes] = a[R, k] b[k, P lanes]; a by strides, b and c by rows
 template <int R, int P>
 TERRAIN_INLINE void product(const double* a, int64_t am, int64_t ak, const double* b, int64_t bk,
@@ -50,6 +82,10 @@ inline void rows(const double* a, int64_t am, int64_t ak, const double* b, int64
   int64_t j = 0;
   for (; j + kWide * kLanes <= n; j += kWide * kLanes)
     product<R, kWide>(a, am, ak, b + j, bk, c + j, n, k);
+  if (R > 1 && n - j > kLanes && n >= kWide * kLanes) {  // two narrow sums take as long as two wide
+    product<R, kWide>(a, am, ak, b + n - kWide * kLanes, bk, c + n - kWide * kLanes, n, k);
+    return;
+  }
   for (; j < n; j += kLanes) {
     const int64_t at = std::min(j, n - kLanes);
     product<R, 1>(a, am, ak, b + at, bk, c + at, n, k);
@@ -68,12 +104,34 @@ inline void narrow_rows(const double* a, int64_t am, int64_t ak, const double* b
   }
 }
 
+// The same for one column, of as many rows of c as there are lanes; a is by rows, `am` apart.
+TERRAIN_INLINE void column(const double* a, int64_t am, const double* b, int64_t bk, double* c,
+                           int64_t k) {
+  Lanes sum = {};
+  int64_t l = 0;
+  for (; l + kLanes <= k; l += kLanes) {
+    Lanes block[kLanes];
+    for (int64_t t = 0; t < kLanes; ++t) block[t] = lanes(a + t * am + l);
+    transpose(block);
+    for (int64_t t = 0; t < kLanes; ++t) sum += block[t] * b[(l + t) * bk];
+  }
+  for (; l < k; ++l) {
+    Lanes next;
+    for (int64_t t = 0; t < kLanes; ++t) next[t] = a[t * am + l];
+    sum += next * b[l * bk];
+  }
+  lanes(c) = sum;
+}
+
 // c [m, n] = a [m, k] b [k, n], a by strides, b and c by rows
 __attribute__((noinline)) inline void multiply(const double* a, int64_t am, int64_t ak,
                                                const double* b, int64_t bk, double* c, int64_t m,
                                                int64_t k, int64_t n) {
   int64_t i = 0;
   if (n < kLanes) {
+    if (kLanes > 2 && n == 1 && ak == 1)  // two at once gain nothing
+      for (; i + kLanes <= m; i += kLanes) column(a + i * am, am, b, bk, c + i, k);
+    for (; i + 8 <= m; i += 8) narrow_rows<8>(a + i * am, am, ak, b, bk, c + i * n, k, n);
     for (; i + 4 <= m; i += 4) narrow_rows<4>(a + i * am, am, ak, b, bk, c + i * n, k, n);
     for (; i < m; ++i) narrow_rows<1>(a + i * am, am, ak, b, bk, c + i * n, k, n);
     return;
@@ -161,38 +219,6 @@ inline void solve(const Lanes* l, Lanes* x, int64_t n, int64_t m, bool both) {
     forward<1>(l, x + c, n, m);
     if (both) backward<1>(l, x + c, n, m);
   }
-}
-
-// Rows become columns.
-TERRAIN_INLINE void transpose(Lanes (&x)[kLanes]) {
-#if defined(__AVX512F__)
-  for (int i = 0; i < 8; i += 2) {
-    const Lanes a = x[i], b = x[i + 1];
-    x[i] = Lanes{a[0], b[0], a[2], b[2], a[4], b[4], a[6], b[6]};
-    x[i + 1] = Lanes{a[1], b[1], a[3], b[3], a[5], b[5], a[7], b[7]};
-  }
-  for (int i : {0, 1, 4, 5}) {
-    const Lanes a = x[i], b = x[i + 2];
-    x[i] = Lanes{a[0], a[1], b[0], b[1], a[4], a[5], b[4], b[5]};
-    x[i + 2] = Lanes{a[2], a[3], b[2], b[3], a[6], a[7], b[6], b[7]};
-  }
-  for (int i = 0; i < 4; ++i) {
-    const Lanes a = x[i], b = x[i + 4];
-    x[i] = Lanes{a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]};
-    x[i + 4] = Lanes{a[4], a[5], a[6], a[7], b[4], b[5], b[6], b[7]};
-  }
-#elif defined(__AVX__)
-  const Lanes a{x[0][0], x[1][0], x[0][2], x[1][2]}, b{x[0][1], x[1][1], x[0][3], x[1][3]};
-  const Lanes c{x[2][0], x[3][0], x[2][2], x[3][2]}, d{x[2][1], x[3][1], x[2][3], x[3][3]};
-  x[0] = Lanes{a[0], a[1], c[0], c[1]};
-  x[1] = Lanes{b[0], b[1], d[0], d[1]};
-  x[2] = Lanes{a[2], a[3], c[2], c[3]};
-  x[3] = Lanes{b[2], b[3], d[2], d[3]};
-#else
-  const Lanes a{x[0][0], x[1][0]}, b{x[0][1], x[1][1]};
-  x[0] = a;
-  x[1] = b;
-#endif
 }
 
 // Lays up to kLanes matrices of `count` numbers side by side, the last one as often as needed.
