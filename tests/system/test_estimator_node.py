@@ -264,6 +264,21 @@ def test_without_a_sinkage_sensor_it_estimates_from_torques_and_balances(
     assert_sound(estimates)
 
 
+POOR = ["-p", "default_sd.velocity:=5.0", "-p", "default_sd.pitch:=1.0", "-p", "use_torque:=false"]
+POOR += ["-p", "use_moments:=false", "-p", "use_imu:=false", "-p", "model:=paper_rover"]
+
+
+def test_sensors_that_leave_the_ground_to_the_prior_keep_it_from_being_configured(
+    start: Starter,
+) -> None:
+    process = start("terrain_estimator", "estimator", "--ros-args", *POOR)
+    process.wait_for_output("these sensors leave the ground to the prior")
+    assert "on compact_sand" in process.output
+    assert "use_torque: false" in process.output
+    assert "default_sd.velocity: 5" in process.output
+    assert "ready" not in process.output
+
+
 def test_a_reset_brings_the_prior_back_and_lets_time_start_again(
     rover: Rover, listener: Listener
 ) -> None:

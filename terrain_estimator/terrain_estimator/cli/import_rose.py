@@ -13,6 +13,7 @@ import hashlib
 import json
 import math
 import sys
+from collections.abc import Mapping
 from io import BufferedReader
 from pathlib import Path
 from typing import cast
@@ -104,9 +105,23 @@ def _digest(path: Path) -> dict[str, str]:
 
 
 def _read(path: Path, options: RoseOptions) -> Trial:
+    """Read a trial of either format. Raises ConfigError for an option of the other one."""
     if path.is_dir() or path.name.endswith(ENDINGS):
+        _refuse_given({"--column": options.columns}, f"{path} is a recording, not a CSV file")
         return read_recording(path, options)
+    of_messages = {
+        "--rate-fields": options.rate_fields,
+        "--current-fields": options.current_fields,
+        "--stamps log": options.stamps == "log",
+    }
+    _refuse_given(of_messages, f"{path} is a CSV file, not a recording")
     return read_table(path, options)
+
+
+def _refuse_given(options: Mapping[str, object], why: str) -> None:
+    for name, given in options.items():
+        if given:
+            raise ConfigError(f"{name}: {why}, so it changes nothing: leave it out")
 
 
 def _options(given: argparse.Namespace) -> RoseOptions:

@@ -28,6 +28,7 @@ from terrain_estimator.messaging.pipeline import rover_of
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.metadata import ModelFileError
 from terrain_estimator.offline.bag_options import add_options, node_config
+from terrain_estimator.offline.reference_drives import judge_sensors
 from terrain_estimator.offline.replay import Start, compare_with_live, replay
 from terrain_estimator.offline.replay_result import Replay
 from terrain_estimator.offline.run_names import run_names
@@ -56,6 +57,9 @@ def main(arguments: list[str] | None = None) -> int:
         names = bag_topics(options.remap, options.namespace)
         rover_of(model.metadata, config.rover)
         Beliefs.of(model.metadata, config.core)
+        _, doubt = judge_sensors(model, config)
+        if doubt:
+            print(f"replay: {doubt}", file=sys.stderr)
         start = Start.read(options.state, model.sha256) if options.state else None
         output = _ReplayFiles(options)
     except (ModelFileError, ConfigError, TopicError, StateFileError, OSError) as error:

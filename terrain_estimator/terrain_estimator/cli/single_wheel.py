@@ -19,7 +19,7 @@ import torch
 from rover_parameters.records import ConfigError
 from rover_parameters.yaml_files import load
 from terrain_estimator.cli.wheel_options import (
-    check_offsets,
+    check_effective,
     check_options,
     constants_sd,
     prior_odds,
@@ -102,7 +102,7 @@ def main(arguments: list[str] | None = None) -> int:
         reference = frozenset(map(str, options.reference))
         by_trial = options.hold_out_by == "trial"
         _check_rows(rows, reference, by_trial=by_trial)
-        check_offsets(options, rows)
+        check_effective(options, rows, reading, odds, names)
         with torch.inference_mode(), ProgressReport("find_missing_effect: reference") as report:
             lacking = lacking_in_reference(
                 bed, rows, reference, given, names, report.at, options.seed

@@ -4,7 +4,7 @@
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rover_parameters.numerals import parse_number
@@ -13,6 +13,7 @@ from terrain_estimator.console.arguments import add_search_options, command_pars
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Row
 from terrain_estimator.discovery.single_wheel.free_law import MEASURED
 from terrain_estimator.discovery.single_wheel.table import (
+    CARRIAGE,
     SIDEWAYS_DEG,
     SLIP_DEFINITIONS,
     SLIP_RADII,
@@ -23,16 +24,20 @@ from terrain_estimator.offline.run_soils import SOIL
 from terrain_estimator.offline.wheel_finding_content import Measured, ShearBox
 
 OPTIONAL_ROWS = {
-    "lateral_offset_sd": (
-        "lateral_force",
+    "lateral_force": (
+        ("lateral_sd", "lateral_offset_sd"),
         "give a table with a column lateral_force_N at slip angles",
     ),
-    "torque_offset_sd": (
-        "torque",
+    "torque": (
+        ("torque_sd", "torque_offset_sd"),
         "give a table with a column torque_Nm, or with current_A and --torque-constant",
     ),
 }
-"""Row of which an option frees the zero, and what gives that row: not every table has it."""
+"""Rows that not every table has: the options that concern each alone, and what gives the row."""
+
+
+class Usual(float):
+    """A default: an equal number that a user gives is none."""
 
 
 def wheel_parser(description: str | None) -> argparse.ArgumentParser:
@@ -112,7 +117,7 @@ def _add_slip(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--slip-speed",
         choices=SLIP_SPEEDS,
-        default="carriage",
+        default=CARRIAGE,
         help=(
             "V in the slip of rows with a slip angle: the carriage's speed, or its part along the"
             " wheel's heading (default: %(default)s)"
@@ -163,13 +168,13 @@ def _add_deviations(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--lateral-sd",
         type=float,
-        default=0.35,
+        default=Usual(0.35),
         help="repeatability of the lateral force [N] (default: %(default)s)",
     )
     parser.add_argument(
         "--torque-sd",
         type=float,
-        default=0.02,
+        default=Usual(0.02),
         help="repeatability of the torque [N m] (default: %(default)s)",
     )
     parser.add_argument(
@@ -193,7 +198,7 @@ def _add_deviations(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--torque-constant-sd",
         type=float,
-        default=0.1,
+        default=Usual(0.1),
         help="relative deviation of --torque-constant, which is then free (default: %(default)s)",
     )
     for name, unit in (("pull", "N"), ("lateral", "N"), ("torque", "N m")):
@@ -226,6 +231,11 @@ def check_options(options: argparse.Namespace) -> None:
             f"--torque-constant-sd {options.torque_constant_sd:g}: it is relative: give 0 to less"
             " than 1, such as 0.1 for 10 %"
         )
+    if options.torque_constant is None and _is_given(options, "torque_constant_sd"):
+        raise ConfigError(
+            f"{_given(options, 'torque_constant_sd')}: without --torque-constant no torque is read"
+            " from a current, so this changes nothing: give both, or leave it out"
+        )
     for name in ("sinkage_sd", "pull_sd", "lateral_sd", "torque_sd"):
         if not 0.0 < getattr(options, name) < math.inf:
             raise ConfigError(f"{_given(options, name)}: give a finite number above 0")
@@ -236,14 +246,50 @@ def check_options(options: argparse.Namespace) -> None:
         )
 
 
-def check_offsets(options: argparse.Namespace, rows: Sequence[Row]) -> None:
-    """Raise ConfigError where the zero of a sensor is free that none of the rows was read from."""
-    for name, (row, advice) in OPTIONAL_ROWS.items():
-        if getattr(options, name) and all(math.isnan(getattr(each, row)) for each in rows):
+def check_effective(
+    options: argparse.Namespace,
+    rows: Sequence[Row],
+    reading: Mapping[str, float],
+    odds: Mapping[str, float],
+    names: Sequence[str],
+) -> None:
+    """Raise ConfigError where an option concerns what none of the rows or effects has.
+
+    ``reading`` are the stated errors of reading, ``odds`` the prior odds, ``names`` the effects
+    that are looked for.
+    """
+    for row, (concerned, advice) in OPTIONAL_ROWS.items():
+        if not all(math.isnan(getattr(each, row)) for each in rows):
+            continue
+        given = [_given(options, name) for name in concerned if _is_given(options, name)]
+        given += [f"--reading-sd {row}={reading[row]:g}"] if reading.get(row) else []
+        if given:
             raise ConfigError(
-                f"{_given(options, name)}: no row that is used has a {row.replace('_', ' ')}, so"
-                f" its zero changes nothing: leave the option out, or {advice}"
+                f"{given[0]}: no row that is used has a {row.replace('_', ' ')}, so it changes"
+                f" nothing: leave the option out, or {advice}"
             )
+    if options.slip_speed != CARRIAGE and not any(each.slip_angle for each in rows):
+        raise ConfigError(
+            f"--slip-speed {options.slip_speed}: no row that is used has a slip angle, so it"
+            " changes nothing: leave the option out, or give tables with a column slip_angle_deg"
+        )
+    if options.shear_box and all(math.isnan(each.torque) for each in rows):
+        raise ConfigError(
+            "--shear-box: no row that is used has a torque, so no c and tan phi are estimated that"
+            f" it could stand beside: leave the option out, or {OPTIONAL_ROWS['torque'][1]}"
+        )
+    for name in odds:
+        if name not in names:
+            raise ConfigError(
+                f"--prior-odds {name}={odds[name]:g}: {name} is not looked for, so its odds change"
+                " nothing: leave them out, or add it to --library"
+            )
+
+
+def _is_given(options: argparse.Namespace, name: str) -> bool:
+    """Return whether a deviation is stated that is not the default, nor 0 of one that 0 omits."""
+    value = getattr(options, name)
+    return not isinstance(value, Usual) and not (name.endswith("offset_sd") and value == 0.0)
 
 
 def _given(options: argparse.Namespace, name: str) -> str:

@@ -7,12 +7,13 @@ A check takes a number and returns a result. docs/diagnostics.md is written from
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from terrain_estimator.config.estimator import COMPILED
 from terrain_estimator.estimator.intake import ADVICE, LEAST_TAKEN
+from terrain_estimator.estimator.sensor_information import LARGEST_BOUND
 
 
 class Level(IntEnum):
@@ -213,6 +214,15 @@ RUNTIME = Check(
     " meant",
     0.0,
 )
+SENSORS = Check(
+    "sensors",
+    "largest Cramer-Rao bound of tan phi over the model's soils, by the configured sensors in a"
+    " reference drive; at most 0.8 is looked for, so smaller numbers are no measure of precision;"
+    " unknown where the rover has no such drive",
+    "prior deviations",
+    "on soils with more the estimate stays near the prior: switch a sensor on, or state less noise",
+    LARGEST_BOUND,
+)
 SAVING = Check(
     "saved state",
     "time for which a state has waited to be saved: writing fails or hangs",
@@ -255,6 +265,7 @@ CHECKS = (
     CONDITION,
     LATENCY,
     RUNTIME,
+    SENSORS,
     SAVING,
     UNRECORDED,
     DISK,
@@ -278,6 +289,19 @@ def judge_runtime(runtime: str, why: str, configuration_sha256: str) -> CheckRes
         ("configuration_sha256", configuration_sha256),
     )
     return replace(RUNTIME.judge(1.0 if why else 0.0, text=text), details=details)
+
+
+def judge_information(largest: float, bounds: Mapping[str, float], doubt: str) -> CheckResult:
+    """Tell what the configured sensors tell of tan phi.
+
+    Args:
+        largest: bound over the soils [prior deviations]; NaN where none was computed.
+        bounds: the bound on each soil [prior deviations].
+        doubt: what is too little, in words; empty where nothing is.
+    """
+    text = doubt or ("" if bounds else "the rover has no reference drive to judge its sensors by")
+    details = tuple((f"bound {soil}", f"{bound:.2g}") for soil, bound in bounds.items())
+    return replace(SENSORS.judge(largest, text=text), details=details)
 
 
 def worst(findings: Iterable[CheckResult]) -> tuple[Level, str]:

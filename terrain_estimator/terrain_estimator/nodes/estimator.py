@@ -25,7 +25,12 @@ from terrain_estimator.compiled.finding import load
 from terrain_estimator.config.estimator import EstimatorNodeConfig
 from terrain_estimator.estimator.saved_state import StateFileError, pack_state
 from terrain_estimator.messaging.averaging import Rate, Treatment
-from terrain_estimator.messaging.diagnostics import REQUIRED, CheckResult, judge_runtime
+from terrain_estimator.messaging.diagnostics import (
+    REQUIRED,
+    CheckResult,
+    judge_information,
+    judge_runtime,
+)
 from terrain_estimator.messaging.health import HealthMonitor
 from terrain_estimator.messaging.messages import health_message
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
@@ -41,6 +46,7 @@ from terrain_estimator.nodes.common.state_file import (
     in_thread,
     restore,
 )
+from terrain_estimator.offline.reference_drives import judge_sensors
 from terrain_estimator.offline.state_files import read_state
 from terrain_estimator.topics import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message
 
@@ -60,6 +66,7 @@ class EstimatorNode(ManagedNode):
         super().__init__("estimator", EstimatorNodeConfig, stop, INPUT_TYPES, **options)
         self._pipeline: Pipeline | None = None
         self._why = ""  # the compiled core does not run although it was looked for
+        self._sensors: CheckResult | None = None  # what the configured sensors tell
         self._state_file: StateFileWriter | None = None
         self._health = HealthMonitor()
         self._received_s: dict[str, float] = {}
@@ -94,6 +101,9 @@ class EstimatorNode(ManagedNode):
             self.get_logger().warning(f"the model runs by TorchScript: {chosen.why}")
         model, config = chosen.model, dataclasses.replace(given, runtime=chosen.runtime)
         pipeline = Pipeline(model, config)
+        sensors, doubt = judge_sensors(model, config)
+        if doubt:
+            self.get_logger().warning(doubt)
         path = self._state_path
         if path is not None:
             check_state_path(path)
@@ -102,6 +112,7 @@ class EstimatorNode(ManagedNode):
             # a state that is refused may have been restored in part
             pipeline = Pipeline(model, config)
         self._why = chosen.why
+        self._sensors = judge_information(sensors.largest, sensors.bounds, doubt)
         self._pipeline, self._health = pipeline, HealthMonitor(self._health.reported_failures)
         self._state_file = state_file
         gc.collect()
@@ -159,6 +170,8 @@ class EstimatorNode(ManagedNode):
         if self._pipeline:
             sha256 = self._pipeline.meta.configuration_sha256
             yield judge_runtime(self._pipeline.runtime, self._why, sha256)
+            if self._sensors:
+                yield self._sensors
         for each in self._input_subscriptions:
             yield incompatible_publishers(self, each.topic, INPUT_TYPES[each.topic], QOS)
         if self._state_file:

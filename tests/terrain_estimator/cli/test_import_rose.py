@@ -356,6 +356,26 @@ def test_the_acceleration_is_taken_along_the_stated_axis_alone(tmp_path: Path) -
     assert np.median(variances) == pytest.approx(0.05**2 / 12)
 
 
+def test_an_option_of_the_other_format_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    of_messages = (
+        ["--rate-fields", "speeds"],
+        ["--current-fields", "a,b,c,d"],
+        ["--stamps", "log"],
+    )
+    csv = table(tmp_path)
+    for option in of_messages:
+        assert convert(csv, *option) == 2
+        assert option[0] in (said := capsys.readouterr().err)
+        assert "is a CSV file, not a recording, so it changes nothing: leave it out" in said
+    (tmp_path / "trial.mcap").touch()
+    assert convert(tmp_path / "trial.mcap", "--column", "time_s=t") == 2
+    assert "--column: " in (said := capsys.readouterr().err)
+    assert "trial.mcap is a recording, not a CSV file, so it changes nothing" in said
+    assert not (tmp_path / "bag").exists()
+
+
 def test_an_existing_bag_stays_as_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag" / "mine").write_text("mine")

@@ -132,19 +132,36 @@ def test_an_effect_that_one_wheel_does_not_show_is_refused(
         (("--constants-sd", "20"), "--constants-sd 20: it is relative to each constant"),
         (("--pull-sd", "nan"), "--pull-sd nan"),
         (("--lateral-sd", "-1"), "--lateral-sd -1"),
-        (
-            ("--lateral-offset-sd", "0.5"),
+        *(
             (
-                "--lateral-offset-sd 0.5: no row that is used has a lateral force, so its zero"
-                " changes nothing: leave the option out, or give a table with a column lateral_"
-            ),
+                (option, value),
+                (
+                    f"{option} {value}: no row that is used has a {row}, so it changes nothing:"
+                    f" leave the option out, or give a table with a column {column}"
+                ),
+            )
+            for option, value, row, column in (
+                # of the default's size: given all the same
+                ("--lateral-sd", "0.35", "lateral force", "lateral_force_N"),
+                ("--lateral-offset-sd", "0.5", "lateral force", "lateral_force_N"),
+                ("--reading-sd", "lateral_force=0.1", "lateral force", "lateral_force_N"),
+                ("--torque-sd", "0.1", "torque", "torque_Nm"),
+                ("--torque-offset-sd", "0.3", "torque", "torque_Nm"),
+                ("--reading-sd", "torque=0.1", "torque", "torque_Nm"),
+            )
         ),
         (
-            ("--torque-offset-sd", "0.3"),
-            (
-                "--torque-offset-sd 0.3: no row that is used has a torque, so its zero changes"
-                " nothing: leave the option out, or give a table with a column torque_Nm"
-            ),
+            ("--torque-constant-sd", "0.05"),
+            "--torque-constant-sd 0.05: without --torque-constant no torque is read",
+        ),
+        (("--slip-speed", "wheel"), "--slip-speed wheel: no row that is used has a slip angle"),
+        (
+            ("--shear-box", "c=0.25+-0.1,tan_phi=0.62+-0.03"),
+            "--shear-box: no row that is used has a torque",
+        ),
+        (
+            ("--library", "grousers", "--prior-odds", "slip_sinkage=10"),
+            "--prior-odds slip_sinkage=10: slip_sinkage is not looked for",
         ),
         (("--largest-slip-angle", "90"), "--largest-slip-angle 90: give 0 to 89 deg"),
         (
@@ -153,8 +170,8 @@ def test_an_effect_that_one_wheel_does_not_show_is_refused(
         ),
     ],
 )
-def test_arguments_that_leave_nothing_to_fit_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, str], said: str
+def test_arguments_that_leave_nothing_to_fit_or_change_nothing_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
 ) -> None:
     path, wheel = tmp_path / "table.csv", tmp_path / "wheel.yaml"
     path.write_text(

@@ -137,11 +137,11 @@ def found(path: Path, *extra: str, lug_height: float = 0.0) -> dict[str, Any]:
         str(NOISE[0]),
         "--pull-sd",
         str(NOISE[1]),
-        "--lateral-sd",
-        str(NOISE[2]),
         "--constants-sd",
         "0.05",
     ]
+    if "lateral_force" in path.read_text(encoding="utf-8"):
+        noise += ["--lateral-sd", str(NOISE[2])]
     out = path.with_suffix("")
     assert (
         main(["--wheel-table", str(path), "--wheel", str(wheel), *noise, "--out", str(out), *extra])

@@ -37,7 +37,8 @@ SLIP_DEFINITIONS = ("rim", "larger")
 """1 - V / (r w); or (r w - V) / max(r w, V), which divides by V where the wheel is braked."""
 SLIP_RADII = ("rim", "lug")
 """Radius r in a slip: that of the rim, or of the lugs' tips."""
-SLIP_SPEEDS = ("carriage", "wheel")
+CARRIAGE = "carriage"
+SLIP_SPEEDS = (CARRIAGE, "wheel")
 """Speed V at a slip angle: that of the carriage, or its part along the wheel's heading."""
 
 
@@ -58,7 +59,7 @@ class _Column:
 def read_table(
     path: Path,
     slip_definition: str,
-    slip_speed: str = "carriage",
+    slip_speed: str = CARRIAGE,
     largest_angle: float = SIDEWAYS_DEG,
     radius_ratio: float = 1.0,
     torque_constant: float | None = None,
@@ -187,7 +188,7 @@ def _row(path: Path, trial: str, slip: float, values: Mapping[str, float], slip_
     angle = math.radians(values.get("slip_angle", 0.0))
     if abs(angle) <= math.radians(STRAIGHT_DEG):
         return Row(str(path), trial, slip, *state, torque=torque)
-    along = 1.0 - (1.0 - slip) * math.cos(angle) if slip_speed == "carriage" else slip
+    along = 1.0 - (1.0 - slip) * math.cos(angle) if slip_speed == CARRIAGE else slip
     return Row(str(path), trial, along, *state, angle, values["lateral_force"], torque)
 
 
