@@ -157,7 +157,8 @@ def varying_ground(
     c, tan phi and the stiffness deviate by ``share``, at most by 2.5 times that.
     """
     drives = mean.strength.shape[0]
-    patches, start = [], -VARIATION_M
+    patches: list[Patch] = []
+    start = -VARIATION_M
     while start < length_m:
         draw = torch.randn(drives, 3, generator=generator, dtype=torch.float64).clamp(-2.5, 2.5)
         factor = 1.0 + share * draw
