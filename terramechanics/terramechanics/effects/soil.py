@@ -79,16 +79,11 @@ def side_resistance(size: Tensor, sinkage: Tensor, radius: float, nodes: Tensor)
     phi / 2; up to 4e5 at phi = 45 deg and 20 kN/m^3. ``nodes`` are those of
     terramechanics.contact.stresses.quadrature.
     """
-    return size * side_integral(2.0, sinkage, radius, nodes)
-
-
-def side_integral(power: float, sinkage: Tensor, radius: float, nodes: Tensor) -> Tensor:
-    """Return INT h^power (r - h cos) over 0..theta_1, see :func:`side_resistance`."""
     theta_1 = entry_angle(sinkage, radius).unsqueeze(-1)
     theta = theta_1 * nodes[0]
     depth = 2.0 * radius * torch.sin(0.5 * (theta_1 + theta)) * torch.sin(0.5 * (theta_1 - theta))
-    pushed = depth**power * (radius - depth * torch.cos(theta)) * nodes[1] * theta_1
-    return pushed.sum(-1)
+    pushed = depth**2 * (radius - depth * torch.cos(theta)) * nodes[1] * theta_1
+    return size * pushed.sum(-1)
 
 
 class Grousers(Law):
@@ -132,16 +127,6 @@ class SinkageFactor(Law):
         slip = inputs.slip.abs().clamp(max=1.0)
         deeper = (1.0 + slip) / (1.0 - 0.5 * slip)
         return with_stiffness(inputs, deeper ** (-values * inputs.constants[..., 0]))
-
-
-class SinkageGrowth(Law):
-    """z times 1 + size |i| at the same pressure, Lyasko's linear law."""
-
-    def contact(self, inputs: ContactInputs, values: Tensor, rate: Tensor) -> ContactInputs:
-        """Soften the soil with slip; ``values`` in [1]."""
-        del rate
-        deeper = 1.0 + values * inputs.slip.abs()
-        return with_stiffness(inputs, deeper ** (-inputs.constants[..., 0]))
 
 
 class Multipass(Law):
@@ -217,22 +202,3 @@ class ExitAngle(Law):
         rebound = values**2 * inputs.sinkage
         angle = torch.where(rebound > 0.0, entry_angle(rebound, self.radius), 0.0)
         return with_exit_angle(inputs, angle)
-
-
-class ExitByEntry(Law):
-    """theta_2 = -size (1 + g i) theta_1: a share of the entry angle that may grow with slip.
-
-    g is the extra value; a braked wheel has the share at slip 0. The share ends at 1.
-    """
-
-    extra: ClassVar[tuple[ExtraValue, ...]] = (
-        ExtraValue("growth of the share with slip, over the share", "1", 1.0),
-    )
-
-    def contact(self, inputs: ContactInputs, values: Tensor, rate: Tensor) -> ContactInputs:
-        """Extend the contact behind the axle; ``values[:, 0]`` in [1]."""
-        del rate
-        share = values[:, :1] * (1.0 + values[:, 1:] * inputs.slip.clamp(min=0.0))
-        return with_exit_angle(
-            inputs, share.clamp(0.0, 1.0) * entry_angle(inputs.sinkage, self.radius)
-        )

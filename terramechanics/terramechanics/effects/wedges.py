@@ -15,7 +15,7 @@ from torch import Tensor
 
 from terramechanics.contact.stresses import entry_angle, quadrature
 from terramechanics.effects.law import AddedForce, ExtraValue, Law
-from terramechanics.effects.soil import SPINS, side_integral
+from terramechanics.effects.soil import SPINS, side_resistance
 from terramechanics.simulation.plant import ContactInputs
 from terramechanics.vehicle.rover import Rover
 
@@ -67,7 +67,7 @@ class HegedusSide(Law):
     """Y + F sin(beta): the side of the wheel ploughs soil with cohesion and weight.
 
     F is size times INT D_1 (c h + gamma / 2 D_2 h^2) (r - h cos), see :func:`hegedus` and
-    terramechanics.effects.soil.side_resistance.
+    terramechanics.effects.soil.side_resistance. INT h (r - h cos) is r^2 sin^3(theta_1) / 3.
     """
 
     extra: ClassVar[tuple[ExtraValue, ...]] = (WEIGHTS,)
@@ -83,8 +83,9 @@ class HegedusSide(Law):
         if inputs.slip_angle is None:
             return None
         held, pushed = hegedus(inputs.strength, self.weight * torch.exp(values[:, 1:]))
-        full = held * side_integral(1.0, inputs.sinkage, self.radius, self.nodes)
-        full = full + pushed * side_integral(2.0, inputs.sinkage, self.radius, self.nodes)
+        sine = torch.sin(entry_angle(inputs.sinkage, self.radius))
+        full = held * self.radius**2 * sine**3 / 3.0
+        full = full + side_resistance(pushed, inputs.sinkage, self.radius, self.nodes)
         side = values[:, :1] * full * torch.sin(inputs.slip_angle)
         return AddedForce(torch.zeros_like(side), torch.zeros_like(side), side)
 

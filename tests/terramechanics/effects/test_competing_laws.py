@@ -9,9 +9,12 @@ import torch
 
 from terramechanics.contact.stresses import quadrature
 from terramechanics.effects import EFFECTS, Competing
+from terramechanics.effects.competing import competing_laws
+from terramechanics.effects.depth import ExitByEntry, SinkageGrowth
 from terramechanics.effects.law import AddedForce, Law
-from terramechanics.effects.lugs import LugSides, PassivePressure, SpacedLugs
-from terramechanics.effects.soil import ExitByEntry, SinkageFactor, SinkageGrowth, side_resistance
+from terramechanics.effects.loaded_lugs import LugSides, SpacedLugs
+from terramechanics.effects.lugs import PassivePressure
+from terramechanics.effects.soil import SinkageFactor, side_resistance
 from terramechanics.effects.wedges import (
     UNIT_WEIGHT,
     BekkerWedge,
@@ -25,7 +28,7 @@ from terramechanics.simulation.plant import ContactInputs
 ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")
 RADIUS, WIDTH = ROVER.wheel_radius, ROVER.wheel_width
 COHESION = 800.0
-EVERY = [each for effect in EFFECTS.values() for each in effect.competing]
+EVERY = [each for name in EFFECTS for each in competing_laws(name)]
 STILL = torch.zeros(1, ROVER.axles, dtype=torch.float64)
 
 
