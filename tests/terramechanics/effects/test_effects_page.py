@@ -8,6 +8,7 @@ import pytest
 
 from rover_parameters.records import ConfigError
 from terramechanics.effects import EFFECTS, Description, describe
+from terramechanics.effects.competing import competing_laws
 
 PAGE = Path(__file__).parents[3] / "docs" / "effects.md"
 
@@ -29,6 +30,19 @@ def test_the_table_is_that_of_the_registry() -> None:
     ]
     expected = [row(effect) for effect in EFFECTS.values()]
     assert table == expected, "\n".join(["the table has to be:", *expected])
+
+
+def test_the_table_of_competing_laws_is_that_of_the_registry() -> None:
+    head = "| effect | competing law | size | source |"
+    text = PAGE.read_text(encoding="utf-8")
+    lines = text[text.index(head) :].split("\n\n")[0].splitlines()
+    expected = []
+    for name in EFFECTS:
+        for law in competing_laws(name):
+            unit = "" if law.unit == "1" else f" {law.unit}"
+            size = f"0 to {law.high:g}{unit}"
+            expected.append(f"| {name} | {law.name} | {size} | {law.source} |")
+    assert lines[2:] == expected, "\n".join(["the table has to be:", *expected])
 
 
 def test_every_effect_has_one_sentence_a_unit_a_source_and_a_range_around_nothing() -> None:

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from rover_parameters.records import ConfigError
 from terramechanics.effects import EFFECTS, describe
+from terramechanics.effects.competing import competing_laws
 from terramechanics.effects.law import Law
 from terramechanics.effects.simulated import SimulatedEffect
 from terramechanics.simulation.plant import Plant
@@ -79,23 +80,23 @@ class LibraryEffect:
     @property
     def law(self) -> type[Law]:
         """Its law, which has the value of its size and the extra values."""
-        described = describe(self.name)
-        return described.law if self.competing is None else described.competing[self.competing].law
+        if self.competing is None:
+            return describe(self.name).law
+        return competing_laws(self.name)[self.competing].law
 
     @property
     def law_name(self) -> str:
         """Name of the law that tells it from those that compete with it."""
-        described = describe(self.name)
         if self.competing is not None:
-            return described.competing[self.competing].name
-        return described.coefficient
+            return competing_laws(self.name)[self.competing].name
+        return describe(self.name).coefficient
 
     @property
     def range(self) -> tuple[float, float]:
         """Smallest and largest size."""
-        described = describe(self.name)
         if self.competing is not None:
-            return 0.0, described.competing[self.competing].high
+            return 0.0, competing_laws(self.name)[self.competing].high
+        described = describe(self.name)
         return described.low, described.high
 
     @property
