@@ -97,6 +97,27 @@ That of the yaw rate's is as if the wheels at both ends had it.
 """
 
 
+class RollingForces(nn.Module):
+    """The forces of wheels that roll, by the contact law alone."""
+
+    def forward(
+        self,
+        motion: WheelMotion,
+        rim: Tensor,
+        sinkage: Tensor,
+        constants: Tensor,
+        contact: ContactModel,
+    ) -> Tensor:
+        """Return :func:`rolling_forces` of wheels whose rims have the speeds ``rim`` [n, W] [m/s].
+
+        The ``motion`` is in units of these speeds.
+        """
+        del rim
+        return rolling_forces(
+            motion, sinkage, constants, contact.radius, contact.width, contact.nodes
+        )
+
+
 class PhysicsByWheel(nn.Module):
     """Physics of single wheels.
 
@@ -118,14 +139,17 @@ class PhysicsByWheel(nn.Module):
         yaw_inertia: float,
         rows: Sequence[str],
         axles: list[int],
+        forces: nn.Module | None = None,
     ) -> None:
         """Take the physics with wheels in the place of axles, and what a planar rover lacks.
 
         ``wheel_y`` [W] is in m, ``yaw_inertia`` in kg m^2; ``rows`` are the rows' names and
-        ``axles`` the axles of the wheels.
+        ``axles`` the axles of the wheels. ``forces`` is called as :class:`RollingForces`, which it
+        is by default.
         """
         super().__init__()
         self.nominal = nominal
+        self.forces = RollingForces() if forces is None else forces
         self.axles, self.gravity = nominal.axles, nominal.gravity
         self.known_soils, self.uncertain_constants = (
             nominal.known_soils,
@@ -264,7 +288,7 @@ class PhysicsByWheel(nn.Module):
         )
         sets = torch.cat([where.constants, where.constants[own : own + 1]])
         sinkage = torch.cat([where.sinkage, where.sinkage[own : own + 1]])
-        every = rolling_forces(moved, sinkage, sets, contact.radius, contact.width, contact.nodes)
+        every = self.forces(moved, motion.rim, sinkage, sets, contact)
         evaluated = every[:-1]
         by_across = (every[-1] - every[own]) * (contact.column_unit / self.small)  # [n, W, 4, 3]
         forces = measured_forces(frame, place, read_forces(evaluated, where.scale, contact, doubt))
