@@ -52,8 +52,10 @@ from terrain_estimator.model.physics_with_effects import PhysicsWithEffects
 from terrain_estimator.model.prior import Prior
 from terrain_estimator.model.row_names import row_names
 from terrain_estimator.model.velocity import Motion, VelocityFilter
+from terrain_estimator.model.wheels_with_effects import WheelsWithEffects
 from terramechanics.simulation.sample import TIME_STEP
 
+AnyPhysics = Physics | PhysicsByLaw | PhysicsWithEffects | PhysicsByWheel | WheelsWithEffects
 RECENT = 3
 """[blocks] Age up to which a posterior counts for a change of the ground."""
 LEAST_KNOWN = 0.5
@@ -75,7 +77,7 @@ class PAlpaca(nn.Module):
 
     def __init__(
         self,
-        physics: Physics | PhysicsByLaw | PhysicsWithEffects | PhysicsByWheel,
+        physics: AnyPhysics,
         net: NetFeatures,
         prior: Prior,
     ) -> None:
@@ -92,7 +94,7 @@ class PAlpaca(nn.Module):
         self.observation_size = packed_size(
             physics.axles,
             rates=physics.effect_values > 0,
-            by_wheel=isinstance(physics, PhysicsByWheel),
+            by_wheel=isinstance(physics, PhysicsByWheel | WheelsWithEffects),
         )
         self.block_size, self.step_s, self.recent = BLOCK, TIME_STEP, RECENT
         self.least_known = LEAST_KNOWN
@@ -386,9 +388,9 @@ class PAlpaca(nn.Module):
         return solved, soil_rows
 
 
-def row_count(physics: Physics | PhysicsByLaw | PhysicsWithEffects | PhysicsByWheel) -> int:
+def row_count(physics: AnyPhysics) -> int:
     """Return the number R of the rows of one observation."""
-    if isinstance(physics, PhysicsByWheel):
+    if isinstance(physics, PhysicsByWheel | WheelsWithEffects):
         return int(physics.nominal.fixed_columns.shape[0]) - 1
     return len(row_names(physics.axles))
 

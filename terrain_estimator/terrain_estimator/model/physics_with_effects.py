@@ -39,6 +39,24 @@ class ValuePrior(nn.Module):
         for name, value in (("mean", mean), ("sd", sd), ("low", low), ("high", high)):
             self.register_buffer(name, value)
 
+    def within(self, deviations: Tensor, first: int) -> Tensor:
+        """Return ``deviations`` [M + V], those of values from ``first`` on inside their ranges.
+
+        Beyond the end of a range the rows are continued linearly.
+        """
+        low, high = (self.low - self.mean) / self.sd, (self.high - self.mean) / self.sd
+        return torch.cat(
+            [deviations[:first], torch.minimum(torch.maximum(deviations[first:], low), high)]
+        )
+
+    def at(self, deviations: Tensor, first: int) -> Tensor:
+        """Return the values [1, V] of ``deviations`` [M + V], which begin at ``first``."""
+        return (self.mean + self.sd * deviations[first:]).unsqueeze(0)
+
+    def varied(self, values: Tensor) -> Tensor:
+        """Return ``values`` [1, V] with one each larger by a thousandth of its deviation [V, V]."""
+        return values + 1e-3 * torch.diag(self.sd)
+
 
 class PhysicsWithEffects(nn.Module):
     """Physics whose rows have named effects in them; its packed observations hold the wheel rates.
@@ -83,27 +101,12 @@ class PhysicsWithEffects(nn.Module):
         return self.effect_rows.size_moments(value, spread)
 
     def within(self, deviations: Tensor) -> Tensor:
-        """Return the ``deviations`` [M + V] with sizes inside their ranges.
-
-        Beyond the end of a range the rows are continued linearly.
-        """
-        low, high = (
-            (end - self.values.mean) / self.values.sd for end in (self.values.low, self.values.high)
-        )
-        first = self.uncertain_constants
-        return torch.cat(
-            [deviations[:first], torch.minimum(torch.maximum(deviations[first:], low), high)]
-        )
+        """Return the ``deviations`` [M + V] with sizes inside their ranges."""
+        return self.values.within(deviations, self.uncertain_constants)
 
     def values_at(self, deviations: Tensor) -> Tensor:
         """Return the values [1, V] of ``deviations`` [M + V] of constants and effects."""
-        return (
-            self.values.mean + self.values.sd * deviations[self.uncertain_constants :]
-        ).unsqueeze(0)
-
-    def varied_values(self, values: Tensor) -> Tensor:
-        """Return ``values`` [1, V] with one each larger by a thousandth of its deviation [V, V]."""
-        return values + 1e-3 * torch.diag(self.values.sd)
+        return self.values.at(deviations, self.uncertain_constants)
 
     def rows(
         self,
@@ -128,7 +131,7 @@ class PhysicsWithEffects(nn.Module):
         agreed = agreement(straight, plain, loaded, theta, chosen)
         correction = agreed.inputs - plain
         rows = self.effect_rows.rows(observed, correction, contact, values, strength, agreed.doubt)
-        every, n = self.varied_values(values), packed.shape[0]
+        every, n = self.values.varied(values), packed.shape[0]
         many = every.shape[0]
         varied = self.effect_rows.rows(
             Observed(packed.repeat(many, 1), rate.repeat(many, 1)),
@@ -176,7 +179,7 @@ class PhysicsWithEffects(nn.Module):
         """
         here = self.values_at(self.within(deviations))
         sets = constants + varied
-        values = torch.cat([here.expand(sets.shape[0], -1), self.varied_values(here)])
+        values = torch.cat([here.expand(sets.shape[0], -1), self.values.varied(here)])
         sets = torch.cat([sets, sets[:1].expand(here.shape[1], -1)]).unsqueeze(1)
         packed = view.packed.expand(values.shape[0], -1)
         before = view_of(packed, self.axles)

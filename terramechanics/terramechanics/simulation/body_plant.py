@@ -26,20 +26,21 @@ FASTEST_SLIP = 1.0
 
 
 def effect_inputs(
-    motion: WheelMotion, sinkage: Tensor, constants: Tensor, strength: Tensor
+    motion: WheelMotion,
+    sinkage: Tensor,
+    constants: Tensor,
+    strength: Tensor,
+    slowest: float = SLOWEST,
+    fastest_slip: float = FASTEST_SLIP,
 ) -> ContactInputs:
     """Return what an effect sees of wheels that roll anyhow, shapes as of ContactInputs."""
-    rim, along, across = motion
+    rim = motion.rim
     way = torch.where(rim < 0.0, -1.0, 1.0).to(rim.dtype)
-    slip = 1.0 - along / rim.abs().clamp(min=SLOWEST) * way
-    slip = torch.where(rim.abs() / SLOWEST < 1.0, 0.0, slip)
-    return ContactInputs(
-        slip.clamp(-FASTEST_SLIP, FASTEST_SLIP),
-        sinkage,
-        constants,
-        strength,
-        slip_angle=torch.atan2(-across, along.abs()),
-    )
+    slip = 1.0 - motion.along / rim.abs().clamp(min=slowest) * way
+    slip = torch.where(rim.abs() / slowest < 1.0, 0.0, slip)
+    aside = torch.atan2(-motion.across, motion.along.abs())
+    seen = slip.clamp(-fastest_slip, fastest_slip)
+    return ContactInputs(seen, sinkage, constants, strength, None, aside, None)
 
 
 @dataclass(frozen=True, slots=True)

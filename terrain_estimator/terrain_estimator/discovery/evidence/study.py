@@ -67,9 +67,7 @@ class Study:
         """
         self.nominal, self.runs = nominal, tuple(runs)
         self.mask = (
-            torch.ones(len(nominal.row_names), dtype=torch.float64)
-            if mask is None
-            else mask
+            torch.ones(len(nominal.row_names), dtype=torch.float64) if mask is None else mask
         )
         self.contributions = contributions or here(self.runs)
         self._plain = no_columns(self.runs)

@@ -67,7 +67,8 @@ def prove_soil(
         _log_evidence(nominal, candidate, runs, each_run) for nominal in (told, study.nominal)
     ]
     before, after = prove(told, None, runs, seed, contributions).gap, proof.gap
-    assert before is not None and after is not None  # no soil is revised for rovers that turn
+    assert before is not None
+    assert after is not None  # no soil is revised for rovers that turn
     return SoilProof(before.before, after.before, after.noise_floor, likelier[1] - likelier[0])
 
 
