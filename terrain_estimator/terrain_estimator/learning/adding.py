@@ -17,6 +17,7 @@ from terrain_estimator.learning.export import save
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.training import law_of
 from terrain_estimator.model.effect_rows import EffectRows
+from terrain_estimator.model.effect_values import ValuePrior
 from terrain_estimator.model.effects import LAWS, not_estimated
 from terrain_estimator.model.effects_by_wheel import EffectsByWheel
 from terrain_estimator.model.loaded import LoadedModel
@@ -25,7 +26,7 @@ from terrain_estimator.model.packed_observation import scalar_fields
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics_by_law import ScmStresses
 from terrain_estimator.model.physics_of_wheels import physics_by_wheel
-from terrain_estimator.model.physics_with_effects import PhysicsWithEffects, ValuePrior, nominal_of
+from terrain_estimator.model.physics_with_effects import PhysicsWithEffects, nominal_of
 from terrain_estimator.model.wheels_with_effects import WheelsWithEffects
 from terramechanics.effects import describe
 from terramechanics.terrain.soil import SCM

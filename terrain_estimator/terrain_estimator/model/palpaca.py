@@ -45,17 +45,15 @@ from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.packed_observation import BLOCK, packed_size
 from terrain_estimator.model.packing import PackedView, view_of, with_slip, without_link
 from terrain_estimator.model.parameters import ParameterLayout, parameter_layout
-from terrain_estimator.model.physics import Physics, SoilRows
-from terrain_estimator.model.physics_by_law import PhysicsByLaw
+from terrain_estimator.model.physics import SoilRows
 from terrain_estimator.model.physics_by_wheel import PhysicsByWheel
-from terrain_estimator.model.physics_with_effects import PhysicsWithEffects
+from terrain_estimator.model.physics_with_effects import AnyPhysics
 from terrain_estimator.model.prior import Prior
 from terrain_estimator.model.row_names import row_names
 from terrain_estimator.model.velocity import Motion, VelocityFilter
 from terrain_estimator.model.wheels_with_effects import WheelsWithEffects
 from terramechanics.simulation.sample import TIME_STEP
 
-AnyPhysics = Physics | PhysicsByLaw | PhysicsWithEffects | PhysicsByWheel | WheelsWithEffects
 RECENT = 3
 """[blocks] Age up to which a posterior counts for a change of the ground."""
 LEAST_KNOWN = 0.5
@@ -75,12 +73,7 @@ class PAlpaca(nn.Module):
     longest_step: Tensor
     every_row: Tensor
 
-    def __init__(
-        self,
-        physics: AnyPhysics,
-        net: NetFeatures,
-        prior: Prior,
-    ) -> None:
+    def __init__(self, physics: AnyPhysics, net: NetFeatures, prior: Prior) -> None:
         """Compose the model; ``prior`` has the deviation of soil constants that ``physics`` has."""
         super().__init__()
         self.prior = prior  # for the metadata; the scripted module has the buffers

@@ -12,50 +12,15 @@ from torch import Tensor, nn
 
 from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.effect_rows import EffectRows, Observed
+from terrain_estimator.model.effect_values import NEAR, REEVALUATIONS, ValuePrior, with_changes
 from terrain_estimator.model.packing import PackedView, view_of
 from terrain_estimator.model.physics import Physics, SoilRows
 from terrain_estimator.model.physics_by_law import PhysicsByLaw
 from terrain_estimator.model.physics_by_wheel import PhysicsByWheel
 from terrain_estimator.model.rows import ContactModel, Rows, values_alone
+from terrain_estimator.model.wheels_with_effects import WheelsWithEffects
 from terramechanics.simulation.plant import ContactInputs
 from terramechanics.vehicle.suspension import along_body
-
-REEVALUATIONS = 3
-"""Times that the rows of a block are evaluated anew at most."""
-NEAR = 0.01
-"""[prior deviations] Move of an effect that needs no other rows."""
-
-
-class ValuePrior(nn.Module):
-    """Gaussian prior of the V values of the effects, and the range of their laws, [V] each."""
-
-    mean: Tensor
-    sd: Tensor
-    low: Tensor
-    high: Tensor
-
-    def __init__(self, mean: Tensor, sd: Tensor, low: Tensor, high: Tensor) -> None:
-        super().__init__()
-        for name, value in (("mean", mean), ("sd", sd), ("low", low), ("high", high)):
-            self.register_buffer(name, value)
-
-    def within(self, deviations: Tensor, first: int) -> Tensor:
-        """Return ``deviations`` [M + V], those of values from ``first`` on inside their ranges.
-
-        Beyond the end of a range the rows are continued linearly.
-        """
-        low, high = (self.low - self.mean) / self.sd, (self.high - self.mean) / self.sd
-        return torch.cat(
-            [deviations[:first], torch.minimum(torch.maximum(deviations[first:], low), high)]
-        )
-
-    def at(self, deviations: Tensor, first: int) -> Tensor:
-        """Return the values [1, V] of ``deviations`` [M + V], which begin at ``first``."""
-        return (self.mean + self.sd * deviations[first:]).unsqueeze(0)
-
-    def varied(self, values: Tensor) -> Tensor:
-        """Return ``values`` [1, V] with one each larger by a thousandth of its deviation [V, V]."""
-        return values + 1e-3 * torch.diag(self.sd)
 
 
 class PhysicsWithEffects(nn.Module):
@@ -201,36 +166,10 @@ class PhysicsWithEffects(nn.Module):
         return torch.cat([row[:1], 1e3 * (row[1:] - row[0])])
 
 
-def nominal_of(
-    physics: Physics | PhysicsByLaw | PhysicsByWheel | PhysicsWithEffects,
-) -> Physics:
-    """Return the physics of rover and soils, without named effects and another contact law."""
+AnyPhysics = Physics | PhysicsByLaw | PhysicsByWheel | PhysicsWithEffects | WheelsWithEffects
+"""What a model may have as its physics."""
+
+
+def nominal_of(physics: AnyPhysics) -> Physics:
+    """Return the physics of rover and soils, without what another physics adds."""
     return physics if isinstance(physics, Physics) else physics.nominal
-
-
-def with_changes(rows: Rows, varied: Rows) -> Rows:
-    """Return ``rows`` [C, n, ...] with their changes by V values.
-
-    The rows ``varied`` [1, V n, ...] are by a thousandth of a deviation of each. The change of a
-    target stands, with the other sign, in the constant column.
-    """
-    n, r = rows.target.shape
-    alike = (varied.used.view(-1, n, r) == rows.used).to(rows.used.dtype).unsqueeze(-1)
-    by_target = 1e3 * (varied.target.view(-1, n, r) - rows.target)
-    features = 1e3 * (varied.features.view(-1, n, r, 3) - rows.features[0])
-    features = (
-        torch.cat([features[..., :2], (features[..., 2] - by_target).unsqueeze(-1)], -1) * alike
-    )
-    noise = (
-        1e3
-        * (varied.noise.view(-1, n, r, rows.noise.shape[3], 3) - rows.noise[0])
-        * alike.unsqueeze(-1)
-    )
-    return Rows(
-        torch.cat([rows.features, features]),
-        torch.cat([rows.noise, noise]),
-        rows.target,
-        rows.variance,
-        rows.used,
-        rows.taken,
-    )

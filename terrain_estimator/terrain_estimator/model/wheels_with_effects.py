@@ -10,16 +10,11 @@ import torch
 from torch import Tensor, nn
 
 from terrain_estimator.model.body_motion import body_motion, safe_motion
+from terrain_estimator.model.effect_values import NEAR, REEVALUATIONS, ValuePrior, with_changes
 from terrain_estimator.model.effects_by_wheel import EffectsByWheel
 from terrain_estimator.model.packing import PackedView, view_of
 from terrain_estimator.model.physics import SoilRows
 from terrain_estimator.model.physics_by_wheel import PhysicsByWheel
-from terrain_estimator.model.physics_with_effects import (
-    NEAR,
-    REEVALUATIONS,
-    ValuePrior,
-    with_changes,
-)
 from terrain_estimator.model.rows import ContactModel, Rows, values_alone
 from terrain_estimator.model.rows_beside import of_slopes
 from terramechanics.contact.rolling import WheelMotion

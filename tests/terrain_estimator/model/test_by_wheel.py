@@ -486,8 +486,9 @@ def test_gravity_and_the_turn_pull_together_on_the_packed_pitch() -> None:
 
 
 def test_what_needs_a_model_by_axle_refuses_one_by_wheel(skid: LoadedModel) -> None:
-    with pytest.raises(ConfigError, match="is by wheel; named effects need one by axle"):
-        with_effects(skid, [Sized.of_library("coulomb_drag")])
+    for name in ("payload", "multipass"):
+        with pytest.raises(ConfigError, match=f"{name} cannot be added to a model by wheel"):
+            with_effects(skid, [Sized.of_library(name)])
     with pytest.raises(ModelFileError, match="is by wheel: give one that is by axle"):
         restore(skid)
     with pytest.raises(ConfigError, match=r"knows law wong_reece alone, not scm"):
