@@ -36,7 +36,7 @@ class ValuePrior(nn.Module):
             [deviations[:first], torch.minimum(torch.maximum(deviations[first:], low), high)]
         )
 
-    def at(self, deviations: Tensor, first: int) -> Tensor:
+    def from_deviations(self, deviations: Tensor, first: int) -> Tensor:
         """Return the values [1, V] of ``deviations`` [M + V], which begin at ``first``."""
         return (self.mean + self.sd * deviations[first:]).unsqueeze(0)
 

@@ -71,7 +71,7 @@ class PhysicsWithEffects(nn.Module):
 
     def values_at(self, deviations: Tensor) -> Tensor:
         """Return the values [1, V] of ``deviations`` [M + V] of constants and effects."""
-        return self.values.at(deviations, self.uncertain_constants)
+        return self.values.from_deviations(deviations, self.uncertain_constants)
 
     def rows(
         self,

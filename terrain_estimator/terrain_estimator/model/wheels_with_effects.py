@@ -89,7 +89,7 @@ class WheelsWithEffects(nn.Module):
         first = self.uncertain_constants
         deviations = self.values.within(expansion[2:], first)
         contact = self.nominal.contact(soil, deviations)
-        alone, values = values_alone(contact), self.values.at(deviations, first)
+        alone, values = values_alone(contact), self.values.from_deviations(deviations, first)
         theta = torch.cat([expansion[:2], torch.ones_like(expansion[:1])])
         plain = self.effects.corrected(packed, values)
         frame = self.by_wheel.frame(plain, alone)
@@ -127,7 +127,7 @@ class WheelsWithEffects(nn.Module):
         A wrong pitch changes the weight along the slope; that is in the row's constant.
         """
         first = self.uncertain_constants
-        here = self.values.at(self.values.within(deviations, first), first)
+        here = self.values.from_deviations(self.values.within(deviations, first), first)
         sets = constants + varied
         values = torch.cat([here.expand(sets.shape[0], -1), self.values.varied(here)])
         sets = torch.cat([sets, sets[:1].expand(here.shape[1], -1)]).unsqueeze(1)
