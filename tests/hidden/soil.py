@@ -52,7 +52,9 @@ class PassiveWedge(Sized):
         force = (
             self.size(where) * where.rover.wheel_width * (weight + 2.0 * WEDGE_COHESION * z * root)
         )
-        return forces - force.unsqueeze(-1) * torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
+        along = torch.zeros(forces.shape[-1], dtype=torch.float64)
+        along[1] = 1.0
+        return forces - force.unsqueeze(-1) * along
 
 
 class LugThrust(Sized):
@@ -72,7 +74,8 @@ class LugThrust(Sized):
         )
         shear = (contact.slip.abs() * length / contact.constants[..., 3]).clamp(min=1e-6)
         thrust = torch.sign(contact.slip) * full * (1.0 + torch.expm1(-shear) / shear)
-        return forces + torch.stack([torch.zeros_like(thrust), thrust, (r + h) * thrust], dim=-1)
+        added = torch.stack([torch.zeros_like(thrust), thrust, (r + h) * thrust], dim=-1)
+        return forces + torch.nn.functional.pad(added, [0, forces.shape[-1] - 3])
 
 
 class Excavation(Sized):

@@ -32,7 +32,12 @@ from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import read_thresholds
-from terrain_estimator.discovery.hypotheses.library import Hypothesis, singles
+from terrain_estimator.discovery.hypotheses.library import (
+    NOT_BY_WHEEL,
+    Hypothesis,
+    singles,
+    singles_by_wheel,
+)
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
 from terrain_estimator.discovery.proof.soil_proof import Proven, proven_or_told
 from terrain_estimator.discovery.report.diagnosis import Diagnosis, diagnose
@@ -43,6 +48,7 @@ from terrain_estimator.files.results import ResultFolder
 from terrain_estimator.learning.finding_model import (
     check_model,
     installed_model,
+    places_of,
     prior_of,
     write_model,
 )
@@ -102,7 +108,8 @@ def search(options: argparse.Namespace) -> int:
         rover = load_rover(options.rover or reading.config.rover or ROVER)
         given = options.model or reading.config.model
         base = given or installed_model(rover)
-        hypotheses = singles(options.library, rover.axles)
+        places = places_of(base)
+        hypotheses = singles(options.library, rover.axles) if not places else _by_wheel(options)
         given_runs = _given_runs(options)
         soils = run_soils(options.soil, given_runs, rover, options.other_soils)
         _refuse_soils_of_the_results(soils, options.out)
@@ -114,8 +121,8 @@ def search(options: argparse.Namespace) -> int:
         elif base != rover.name:
             sys.stderr.write(f"find_missing_effect: {_model_note(rover, base)}\n")
         prior = prior_of(base)
-        nominal = nominal_of(rover, soils.first, prior)
-        grounds = {run: nominal_of(rover, soil, prior) for run, soil in soils.soils.items()}
+        nominal = nominal_of(rover, soils.first, prior, places)
+        grounds = {run: nominal_of(rover, soil, prior, places) for run, soil in soils.soils.items()}
         told_asked = asked(nominal.rover.name, soils, options.seed, reading)
 
         def identity() -> dict[str, Any]:
@@ -192,12 +199,34 @@ def _answer(
 ) -> tuple[Proven, Diagnosis]:
     """Return the finding with the held-out runs counted, and what stands beside it."""
     searched = study, hypotheses, read_thresholds()
-    finding = investigate(*searched, part_of(report.at, 0.0, 0.85), soils.at_hand)
+    searching = part_of(report.at, 0.0, 0.85)
+    finding = (
+        investigate(*searched, searching, soils.at_hand)
+        if study.nominal.places is None
+        else investigate_as_told(*searched, searching, 0.0)
+    )
     report.at(0.85, "held-out runs")
     as_told = partial(investigate_as_told, *searched, part_of(report.at, 0.9, 0.95))
     kept = held_out.blocks, options.seed, held_out.contributions
     finding, outcome = proven_or_told(finding, study, as_told, *kept)
     return outcome, diagnose(study, hypotheses, finding, report.at)
+
+
+def _by_wheel(options: argparse.Namespace) -> list[Hypothesis]:
+    """Return the effects that compete by wheel; say which do not, and that no soil does.
+
+    Raises ConfigError for options that nothing follows from by wheel.
+    """
+    if options.other_soils not in ([], soil_names()):
+        raise ConfigError(
+            f"--other-soils {' '.join(options.other_soils)}: by wheel no other soil is weighed:"
+            " leave it out"
+        )
+    found = singles_by_wheel(options.library)
+    if not options.library:
+        why = "; ".join(f"{name} ({reason})" for name, reason in NOT_BY_WHEEL.items())
+        sys.stderr.write(f"find_missing_effect: by wheel, without other soils and {why}\n")
+    return found
 
 
 def _model_note(rover: Rover, base: str) -> str:

@@ -11,9 +11,19 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.estimator.off_plane import SingleWheels
 from terrain_estimator.estimator.screening import screen
-from terrain_estimator.model.packed_observation import BLOCK, ground_torque, link, pack
-from terrain_estimator.model.packing import view_of, without_link
+from terrain_estimator.model.body_motion import body_motion, moves
+from terrain_estimator.model.packed_observation import (
+    BLOCK,
+    TurningBody,
+    ground_torque,
+    link,
+    pack,
+)
+from terrain_estimator.model.packing import PackedView, view_of, with_slip, without_link
+from terrain_estimator.model.physics_by_wheel import PhysicsByWheel
+from terrain_estimator.model.row_names import row_names
 from terrain_estimator.model.rows import ContactModel, usable_wheels
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
@@ -22,6 +32,7 @@ from terramechanics.contact.scm import Rut
 from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.wheel_balances import motion_across
 
 PIECE = 5
 """[blocks] of a rollout: five seconds, linked."""
@@ -69,21 +80,26 @@ def run_of(
     rover: Rover,
     config: CoreConfig,
     refusals: Refusals,
+    wheels: SingleWheels | None = None,
 ) -> RecordedRun:
     """Return the run of these observations, screened as the estimator does.
 
-    Refused ones are added to ``refusals``.
+    Refused ones are added to ``refusals``. ``wheels`` are those of a rover whose wheels are taken
+    one by one; None: it is by axle.
 
     Raises:
         RunError: none of them can be used, and why.
     """
+    body = TurningBody(rover.wheel_radius, rover.gravity, rover.centre_of_mass_x)
     last: Observation | None = None
     packed: list[Floats] = []
     rates: list[Floats] = []
     stamps: list[int] = []
     for observation in observations:
         previous_ns = last.stamp_ns if last else None
-        screening = screen(observation, previous_ns, rover, config, sinkage_needed=True)
+        screening = screen(
+            observation, previous_ns, rover, config, sinkage_needed=True, wheels=wheels
+        )
         if not screening.outcome.used:
             refusals.add(screening.outcome, screening.detail)
             continue
@@ -95,6 +111,7 @@ def run_of(
                 ground_torque(used, last if linked else None, rover.wheel_inertia, passed_s),
                 passed_s,
                 linked=linked,
+                body=None if wheels is None else body,
             )
         )
         rates.append(used.wheel_rate)
@@ -126,6 +143,9 @@ class Signals:
     distance: Tensor  # [B, 1] [m]
     slip_rate: Tensor  # [B, A] [1/s]
     sinkage_rate: Tensor  # [B, A] [m/s]
+    # of a rover whose wheels are taken one by one; else without columns
+    yaw_rate: Tensor  # [B, 1] [rad/s]
+    slip_angle: Tensor  # [B, A] [rad] of the way of each hub to the left of its heading
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +161,12 @@ class Blocks:
     soil: Soil | None = None  # below this run; None: that of the nominal model
     ruts: Rut | None = None  # [B, BLOCK, A] below each wheel, by distance; None: not known
     encoders: bool = True  # False where wheel rates are only those of velocity and slip
+    by_wheel: tuple[str, ...] = ()  # rows, where wheels are taken one by one
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Names of the rows, in their order."""
+        return self.by_wheel or row_names(self.wheel_rate.shape[-1])
 
     def between(self, first: int, last: int) -> "Blocks":
         """Return blocks ``first`` to ``last - 1`` as a run of their own."""
@@ -179,10 +205,27 @@ def cut(run: RecordedRun, nominal: ContactModel) -> Blocks:
     Raises:
         RunError: fewer than five such blocks.
     """
-    axles = nominal.geometry.axle_x.shape[0]
-    usable = usable_wheels(run.packed, nominal).all(1)
+    found, time = _cut(run, usable_wheels(run.packed, nominal), nominal)
+    return replace(found, ruts=_ruts(found.packed, time, nominal))
+
+
+def cut_by_wheel(run: RecordedRun, physics: PhysicsByWheel, rows: tuple[str, ...]) -> Blocks:
+    """Cut a run of single wheels, as :func:`cut` does; ``rows`` are the rows' names.
+
+    Ruts are not known: a turn decides which wheels rolled before.
+    """
+    view = view_of(run.packed, physics.axles)
+    contact = physics.nominal.nominal_contact()
+    inside = with_slip(run.packed, physics.inside(view.slip))
+    usable = usable_wheels(inside, contact) & moves(body_motion(view))
+    return replace(_cut(run, usable, contact)[0], by_wheel=rows)
+
+
+def _cut(run: RecordedRun, usable: Tensor, contact: ContactModel) -> tuple[Blocks, Tensor]:
+    """Return blocks in which all wheels are ``usable`` [T, A], and their times [B, BLOCK]."""
+    axles = contact.geometry.axle_x.shape[0]
     linked = view_of(run.packed, axles).linked > 0.0
-    starts, begins = _starts(usable.tolist(), linked.tolist())
+    starts, begins = _starts(usable.all(1).tolist(), linked.tolist())
     if len(starts) < _FEWEST:
         raise RunError(
             f"{run.name}: {len(starts)} whole seconds of linked observations with every wheel in"
@@ -195,18 +238,18 @@ def cut(run: RecordedRun, nominal: ContactModel) -> Blocks:
     # A block that begins anew has a velocity of its own at its start.
     last = torch.cumsum(1 + fresh.long(), 0) - 1
     rate = run.wheel_rate[index]
-    known = torch.where(torch.isfinite(rate), rate, _rim_rate(packed, axles, nominal.radius))
-    signals = _signals(packed, known * nominal.radius, run.time[index])
-    return Blocks(
+    known = torch.where(torch.isfinite(rate), rate, _rim_rate(packed, axles, contact.radius))
+    signals = _signals(packed, known * contact.radius, run.time[index], contact.geometry.axle_x)
+    blocks = Blocks(
         run.name,
         packed,
         known,
         torch.stack([last - 1, last], 1),
         int(last[-1]) + 1,
         signals,
-        ruts=_ruts(packed, run.time[index], nominal),
         encoders=bool(torch.isfinite(rate).any()),
     )
+    return blocks, run.time[index]
 
 
 _FEWEST = 5
@@ -252,16 +295,30 @@ def _rim_rate(packed: Tensor, axles: int, radius: float) -> Tensor:
     return rim.mean(1, keepdim=True).expand(-1, packed.shape[1], -1)
 
 
-def _signals(packed: Tensor, speed: Tensor, time: Tensor) -> Signals:
+def _signals(packed: Tensor, speed: Tensor, time: Tensor, axle_x: Tensor) -> Signals:
     view = view_of(packed, speed.shape[-1])
     slip, slip_rate = _around(view.slip.mean(1), time)
     sinkage, sinkage_rate = _around(view.sinkage.mean(1), time)
     seconds = time.mean(1, keepdim=True)
     gone = torch.cumsum(view.velocity.mean(1), 0).unsqueeze(1) * (BLOCK * view.step.max())
     pitch, pitch_rate = _around(view.pitch.mean(1, keepdim=True), time)
+    yaw_rate, slip_angle = (_around(each, time)[0] for each in _turning(view, axle_x))
     return Signals(
-        slip, sinkage, speed.mean(1), pitch, pitch_rate, seconds, gone, slip_rate, sinkage_rate
-    )
+        slip, sinkage, speed.mean(1), pitch, pitch_rate, seconds, gone, slip_rate, sinkage_rate,
+        yaw_rate, slip_angle,
+    )  # fmt: skip
+
+
+def _turning(view: PackedView, axle_x: Tensor) -> tuple[Tensor, Tensor]:
+    """Return yaw rate [B, 1] and slip angles [B, A]; without columns of a rover by axle."""
+    if view.wheel_rate.shape[-1] <= view.slip.shape[-1]:
+        none = torch.zeros(view.slip.shape[0], 0, dtype=torch.float64)
+        return none, none
+    motion = body_motion(view)
+    left = motion.lateral.unsqueeze(-1) + motion.yaw_rate.unsqueeze(-1) * axle_x
+    _, along, across = motion_across(view.slip, motion.rim, motion.steering, left)
+    angle = torch.atan2(across.mean(1), along.mean(1).abs())
+    return motion.yaw_rate.mean(1, keepdim=True), angle
 
 
 def _around(means: Tensor, time: Tensor) -> tuple[Tensor, Tensor]:

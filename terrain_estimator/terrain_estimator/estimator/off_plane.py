@@ -11,7 +11,7 @@ from terrain_estimator.model.metadata import Metadata
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terramechanics.vehicle.rover import Rover
-from terramechanics.vehicle.wheel_places import STEEPEST_STEERING
+from terramechanics.vehicle.wheel_places import STEEPEST_STEERING, WheelPlaces
 
 FASTEST = 100.0
 """[m/s] of rover and rim; beyond it a sensor is broken or a unit is wrong."""
@@ -125,8 +125,14 @@ class SingleWheels(NamedTuple):
     @classmethod
     def of(cls, metadata: Metadata) -> "SingleWheels | None":
         """Return those of a model; None where it is by axle."""
-        wheels = metadata.wheels
-        return cls(wheels, any(metadata.steered), metadata.rover.gravity) if wheels else None
+        return cls.at(metadata.rover, metadata.wheel_places)
+
+    @classmethod
+    def at(cls, rover: Rover, places: WheelPlaces | None) -> "SingleWheels | None":
+        """Return those at ``places`` of a rover; None where there are none."""
+        if places is None:
+            return None
+        return cls(places.wheels(rover), any(places.steers(rover)), rover.gravity)
 
 
 def refuse_motion(observation: Observation, wheels: SingleWheels) -> Refusal:

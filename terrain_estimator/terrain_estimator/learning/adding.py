@@ -12,19 +12,25 @@ import torch
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.discovery.hypotheses.library import Hypothesis, LibraryEffect
+from terrain_estimator.learning.by_wheel import BODY_PARAMETERS, build_model_by_wheel
 from terrain_estimator.learning.export import save
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.training import law_of
 from terrain_estimator.model.effect_rows import EffectRows
-from terrain_estimator.model.effects import LAWS, NOT_ONLINE
+from terrain_estimator.model.effect_values import ValuePrior
+from terrain_estimator.model.effects import LAWS, not_estimated
+from terrain_estimator.model.effects_by_wheel import EffectsByWheel
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.metadata import AddedEffect, Metadata, ModelFileError
 from terrain_estimator.model.packed_observation import scalar_fields
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics_by_law import ScmStresses
-from terrain_estimator.model.physics_with_effects import PhysicsWithEffects, ValuePrior, nominal_of
+from terrain_estimator.model.physics_of_wheels import physics_by_wheel
+from terrain_estimator.model.physics_with_effects import PhysicsWithEffects, nominal_of
+from terrain_estimator.model.wheels_with_effects import WheelsWithEffects
 from terramechanics.effects import describe
 from terramechanics.terrain.soil import SCM
+from terramechanics.vehicle.wheel_places import WheelPlaces
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,16 +47,16 @@ class Sized:
         described = describe(name)
         return cls(name, 0.0, 0.5 * max(abs(described.low), abs(described.high)))
 
-    def checked(self) -> "Sized":
-        """Return this effect.
+    def checked(self, *, by_wheel: bool = False) -> "Sized":
+        """Return this effect, of a model by axle or by wheel.
 
         Raises ConfigError where it cannot be estimated online, or where a number is wrong.
         """
         described = describe(self.name)
-        if self.name in NOT_ONLINE:
-            raise ConfigError(
-                f"effect {self.name} cannot be added to a model: {NOT_ONLINE[self.name]}"
-            )
+        refused = not_estimated(by_wheel=by_wheel)
+        if self.name in refused:
+            kind = "a model by wheel" if by_wheel else "a model"
+            raise ConfigError(f"effect {self.name} cannot be added to {kind}: {refused[self.name]}")
         described.checked(self.mean)
         if not (math.isfinite(self.sd) and self.sd > 0.0):
             raise ConfigError(
@@ -76,15 +82,14 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpaca:
 
     Raises ConfigError that names the effect, and the errors of :func:`restored`.
     """
-    names = [effect.checked().name for effect in effects]
+    by_wheel = loaded.metadata.wheel_places is not None
+    names = [effect.checked(by_wheel=by_wheel).name for effect in effects]
     if not names or len(set(names)) != len(names):
         raise ConfigError(
             f"effects {', '.join(names) or '(none)'}: at least one is needed, and each once"
         )
-    if loaded.metadata.wheels:
-        raise ConfigError(
-            f"model {loaded.model_id} is by wheel; named effects need one by axle: give that"
-        )
+    if loaded.metadata.wheel_places is not None:
+        return _by_wheel(loaded, loaded.metadata.wheel_places, effects)
     if loaded.metadata.prior.ground_variation:
         raise ConfigError(
             f"model {loaded.model_id} is for ground that varies (--ground-variation of train);"
@@ -95,6 +100,29 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpaca:
     rows = EffectRows([LAWS[name](rover) for name in names], rover.mass, law)
     physics = PhysicsWithEffects(nominal_of(plain.physics), rows, value_prior(effects))
     model = PAlpaca(physics, plain.net, plain.prior)
+    model.hypotheses.load_state_dict(plain.hypotheses.state_dict())
+    return model
+
+
+def _by_wheel(loaded: LoadedModel, places: WheelPlaces, effects: Sequence[Sized]) -> PAlpaca:
+    """Return what :func:`with_effects` does of a model by wheel, which no training made."""
+    known, rover = loaded.metadata, loaded.rover
+    if loaded.effects:
+        raise ModelFileError(
+            f"model {loaded.model_id} has named effects: give the model that it was made from"
+        )
+    if set(known.parameters) & set(BODY_PARAMETERS[2:]):
+        raise ConfigError(
+            f"model {loaded.model_id} does not know the gain of its torques, which named effects"
+            " need: give a model by wheel without --torque-gain-sd"
+        )
+    plain = build_model_by_wheel(rover, places, known.soils, known.prior)
+    acting = EffectsByWheel([describe(effect.name).law(rover) for effect in effects], rover)
+    constants = torch.stack([soil.constants() for soil in known.soils])
+    by_wheel = physics_by_wheel(rover, places, constants, known.prior.constants_sd, acting)
+    model = PAlpaca(
+        WheelsWithEffects(by_wheel, acting, value_prior(effects)), plain.net, plain.prior
+    )
     model.hypotheses.load_state_dict(plain.hypotheses.state_dict())
     return model
 
@@ -126,7 +154,9 @@ def export_with(
     changed = dataclasses.replace(
         loaded.metadata,
         model_id="+".join([loaded.model_id, *names]),
-        observation_scalar_fields=scalar_fields(len(loaded.rover.axle_x), rates=True),
+        observation_scalar_fields=scalar_fields(
+            loaded.metadata.stations, rates=True, by_wheel=bool(loaded.metadata.wheels)
+        ),
         parameters=(*loaded.metadata.parameters[:-4], *values, *fixed),
         effects=tuple(
             AddedEffect(effect.name, describe(effect.name).unit, effect.mean, effect.sd)

@@ -12,14 +12,12 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.model.constant_columns import ConstantColumns
 from terrain_estimator.model.metadata import TORQUE_GAIN
 from terrain_estimator.model.palpaca import PAlpaca
-from terrain_estimator.model.physics import Physics, RoverBody
-from terrain_estimator.model.physics_by_wheel import PhysicsByWheel
+from terrain_estimator.model.physics_of_wheels import physics_by_wheel
 from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior
 from terrain_estimator.model.row_names import ROLL_MOMENT, row_names_by_wheel
 from terramechanics.terrain.soil import WONG_REECE, Soil
 from terramechanics.vehicle.rover import Rover
-from terramechanics.vehicle.wheel_balances import geometry_by_wheel
-from terramechanics.vehicle.wheel_places import WheelPlaces, wheel_order
+from terramechanics.vehicle.wheel_places import WheelPlaces
 
 if TYPE_CHECKING:
     from terrain_estimator.model.net import NetFeatures
@@ -52,22 +50,9 @@ def build_model_by_wheel(
             raise ConfigError(
                 f"soil {soil.name}: a model by wheel knows law {WONG_REECE} alone, not {soil.law}"
             )
-    geometry, side = geometry_by_wheel(rover, places.track_width)
-    rows = row_names_by_wheel(len(rover.wheels), len(rover.suspension))
-    body = RoverBody(
-        rows,
-        len(rover.wheels),
-        1,
-        rover.mass,
-        rover.gravity,
-        rover.wheel_radius,
-        rover.wheel_width,
-        geometry,
-    )
     constants = torch.stack([soil.constants() for soil in soils])
-    nominal = Physics(body, constants, prior.constants_sd)
-    axles = [rover.wheels[k].axle for k in wheel_order(rover)]
-    physics = PhysicsByWheel(nominal, side, places.yaw_inertia, rows, axles)
+    physics = physics_by_wheel(rover, places, constants, prior.constants_sd)
+    rows = row_names_by_wheel(len(rover.wheels), len(rover.suspension))
     body_sd = (prior.centre_of_mass_sd, ROLL_BIAS_SD, *torque_sd)
     # has the methods that are called
     columns = cast("NetFeatures", body_columns(rover, rows, len(body_sd)))

@@ -22,6 +22,7 @@ from terrain_estimator.model.metadata import (
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior
 from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.wheel_places import WheelPlaces
 
 ELSEWHERE = 0.3
 """[1] Relative deviation of a size from one day to the next, in addition to that of the fit.
@@ -38,7 +39,8 @@ def check_model(model: str, rover: Rover) -> None:
             f"model {model} was made for another rover than {rover.name}: give its rover by"
             " --rover, or another --model"
         )
-    restored(known)
+    if known.metadata.wheel_places is None:
+        restored(known)
 
 
 def installed_model(rover: Rover) -> str:
@@ -56,6 +58,14 @@ def prior_of(model: str) -> Prior:
     Raises ModelFileError.
     """
     return _metadata(model).prior if model else DEFAULT_PRIOR
+
+
+def places_of(model: str) -> WheelPlaces | None:
+    """Return the places of the wheels of a model by wheel, of that name or file.
+
+    None where it is by axle, and for an empty name. Raises ModelFileError.
+    """
+    return _metadata(model).wheel_places if model else None
 
 
 def _metadata(model: str) -> Metadata:

@@ -120,12 +120,18 @@ class EffectRows(nn.Module):
 
     def corrected(self, observed: Observed, values: Tensor) -> Tensor:
         """Return packed observations [n, P] without the effects on sensors and drives."""
-        readings, own = readings_of(observed), values.split_with_sizes(self.counts, 1)
+        return with_readings(
+            observed.packed, self.corrected_readings(readings_of(observed), values)
+        )
+
+    def corrected_readings(self, readings: Readings, values: Tensor) -> Readings:
+        """Return sensor values without the effects on sensors and drives."""
+        own = values.split_with_sizes(self.counts, 1)
         for k, law in enumerate(self.laws):
             readings = law.corrected(readings, own[k])
             loss = law.drive_loss(readings.wheel_rate, own[k])
             readings = with_torque(readings, readings.torque - loss)
-        return with_readings(observed.packed, readings)
+        return readings
 
     def loaded(self, contact: ContactModel, values: Tensor) -> ContactModel:
         """Return the contact model with the mass that the effects add to the body."""

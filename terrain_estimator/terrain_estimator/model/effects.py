@@ -4,6 +4,8 @@
 
 from terramechanics.effects import EFFECTS
 
+ASIDE = "lateral_bulldozing"
+"""Effect that models by wheel alone can have."""
 NOT_ONLINE = {
     "latency": (
         "it needs what was measured before and after; subtract the latency from the stamps of slip"
@@ -17,9 +19,25 @@ NOT_ONLINE = {
         "at one instant its ruts and the slip of wheels that hardly slip are too uncertain; train a"
         " model on a soil file with law: scm instead"
     ),
-    "lateral_bulldozing": "it acts sideways, which a planar rover does not show",
+    ASIDE: "it acts sideways, which a planar rover does not show",
 }
 """Effects that cannot be estimated online: the reason, and what to do instead."""
 
+NOT_BY_WHEEL = {
+    "multipass": "which wheels rolled over the same ground before is not known in a turn",
+    "payload": "its models have one mass: give the loaded mass in the rover file instead",
+    "grousers": (
+        "size and cohesion came out up to 7 deviations off on wheels that steer, for a reason that"
+        " is not known; drive straight ahead, with a model by axle"
+    ),
+}
+"""Effects that models by wheel cannot have beside NOT_ONLINE, and why."""
 LAWS = {name: effect.law for name, effect in EFFECTS.items() if name not in NOT_ONLINE}
 """Laws of the effects that a model can have, by the registry's names."""
+
+
+def not_estimated(*, by_wheel: bool) -> dict[str, str]:
+    """Return the effects that models by axle or by wheel cannot estimate, and why."""
+    if not by_wheel:
+        return NOT_ONLINE
+    return {name: why for name, why in NOT_ONLINE.items() if name != ASIDE} | NOT_BY_WHEEL

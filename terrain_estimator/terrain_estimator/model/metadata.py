@@ -21,7 +21,7 @@ from rover_parameters.regular_file import open_regular, read_regular
 from terrain_estimator.model.prior import Prior
 from terramechanics.terrain.soil import WONG_REECE, Soil
 from terramechanics.vehicle.rover import Rover
-from terramechanics.vehicle.wheel_places import WheelPlaces, wheel_order
+from terramechanics.vehicle.wheel_places import WheelPlaces
 
 FORMAT = 4
 """Version of the interface: the state's fields, the packed observation, the methods."""
@@ -105,15 +105,12 @@ class Metadata:
     @property
     def wheels(self) -> tuple[str, ...]:
         """Names of the wheels of a model by wheel, front to rear, left before right; else none."""
-        if self.wheel_places is None:
-            return ()
-        return tuple(self.rover.wheel_names[k] for k in wheel_order(self.rover))
+        return () if self.wheel_places is None else self.wheel_places.wheels(self.rover)
 
     @property
     def steered(self) -> tuple[bool, ...]:
         """Whether a joint turns each of the ``wheels``."""
-        known = self.wheel_places.steered if self.wheel_places else ()
-        return tuple(name in known for name in self.wheels)
+        return () if self.wheel_places is None else self.wheel_places.steers(self.rover)
 
     @property
     def prior_mean(self) -> tuple[float, float]:

@@ -51,6 +51,7 @@ from terrain_estimator.model.physics_with_effects import AnyPhysics
 from terrain_estimator.model.prior import Prior
 from terrain_estimator.model.row_names import row_names
 from terrain_estimator.model.velocity import Motion, VelocityFilter
+from terrain_estimator.model.wheels_with_effects import WheelsWithEffects
 from terramechanics.simulation.sample import TIME_STEP
 
 RECENT = 3
@@ -86,7 +87,7 @@ class PAlpaca(nn.Module):
         self.observation_size = packed_size(
             physics.axles,
             rates=physics.effect_values > 0,
-            by_wheel=isinstance(physics, PhysicsByWheel),
+            by_wheel=isinstance(physics, PhysicsByWheel | WheelsWithEffects),
         )
         self.block_size, self.step_s, self.recent = BLOCK, TIME_STEP, RECENT
         self.least_known = LEAST_KNOWN
@@ -382,7 +383,7 @@ class PAlpaca(nn.Module):
 
 def row_count(physics: AnyPhysics) -> int:
     """Return the number R of the rows of one observation."""
-    if isinstance(physics, PhysicsByWheel):
+    if isinstance(physics, PhysicsByWheel | WheelsWithEffects):
         return int(physics.nominal.fixed_columns.shape[0]) - 1
     return len(row_names(physics.axles))
 

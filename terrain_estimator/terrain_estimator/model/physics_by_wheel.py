@@ -97,6 +97,28 @@ That of the yaw rate's is as if the wheels at both ends had it.
 """
 
 
+class RollingForces(nn.Module):
+    """The forces of wheels that roll, by the contact law alone."""
+
+    def forward(
+        self,
+        motion: WheelMotion,
+        rim: Tensor,
+        sinkage: Tensor,
+        constants: Tensor,
+        contact: ContactModel,
+        values: Tensor | None,
+    ) -> Tensor:
+        """Return :func:`rolling_forces` of wheels whose rims have the speeds ``rim`` [n, W] [m/s].
+
+        The ``motion`` is in units of these speeds. ``values`` are those of effects.
+        """
+        del rim, values
+        return rolling_forces(
+            motion, sinkage, constants, contact.radius, contact.width, contact.nodes
+        )
+
+
 class PhysicsByWheel(nn.Module):
     """Physics of single wheels.
 
@@ -118,14 +140,17 @@ class PhysicsByWheel(nn.Module):
         yaw_inertia: float,
         rows: Sequence[str],
         axles: list[int],
+        forces: nn.Module | None = None,
     ) -> None:
         """Take the physics with wheels in the place of axles, and what a planar rover lacks.
 
         ``wheel_y`` [W] is in m, ``yaw_inertia`` in kg m^2; ``rows`` are the rows' names and
-        ``axles`` the axles of the wheels.
+        ``axles`` the axles of the wheels. ``forces`` is called as :class:`RollingForces`, which it
+        is by default.
         """
         super().__init__()
         self.nominal = nominal
+        self.forces = RollingForces() if forces is None else forces
         self.axles, self.gravity = nominal.axles, nominal.gravity
         self.known_soils, self.uncertain_constants = (
             nominal.known_soils,
@@ -244,9 +269,16 @@ class PhysicsByWheel(nn.Module):
         )
 
     def rows(
-        self, frame: Frame, likely: Tensor, contact: ContactModel, doubt: Tensor | None
+        self,
+        frame: Frame,
+        likely: Tensor,
+        contact: ContactModel,
+        doubt: Tensor | None,
+        values: Tensor | None = None,
     ) -> Rows:
         """Return the rows in a frame, expanded at ``likely`` [n, P], less the excess of doubt.
+
+        ``values`` [1, V] are those of effects in the contact, where the forces have any.
 
         Behind the sources of a planar rover stand the lateral velocity, the yaw rate, the roll, and
         the banks of the ground below the wheels.
@@ -264,18 +296,18 @@ class PhysicsByWheel(nn.Module):
         )
         sets = torch.cat([where.constants, where.constants[own : own + 1]])
         sinkage = torch.cat([where.sinkage, where.sinkage[own : own + 1]])
-        every = rolling_forces(moved, sinkage, sets, contact.radius, contact.width, contact.nodes)
+        every = self.forces(moved, motion.rim, sinkage, sets, contact, values)
         evaluated = every[:-1]
         by_across = (every[-1] - every[own]) * (contact.column_unit / self.small)  # [n, W, 4, 3]
         forces = measured_forces(frame, place, read_forces(evaluated, where.scale, contact, doubt))
         measured = safe_motion(body_motion(frame.measured), frame.usable)
         faster = 1.0 / (motion.rim.abs() * torch.cos(motion.steering))
         further = (self.hub_velocity(measured) - left) * faster
-        values = forces.values + nn.functional.pad(
+        measured_values = forces.values + nn.functional.pad(
             (by_across * further.unsqueeze(-1).unsqueeze(-1)).unsqueeze(0),
             [0, 0, 0, 0, 0, 0, 0, 0, 0, forces.values.shape[0] - 1],
         )
-        rows = rows_of_forces(frame, Forces(values, forces.by_slip, forces.by_sinkage))
+        rows = rows_of_forces(frame, Forces(measured_values, forces.by_slip, forces.by_sinkage))
         by_left = by_across * faster[:, :, None, None]
         banks = levers_of_banks(
             frame.measured,
@@ -295,10 +327,12 @@ class PhysicsByWheel(nn.Module):
         theta: Tensor,
         chosen: Tensor,
         missing: Tensor,
+        values: Tensor | None = None,
     ) -> Agreement:
         """Return the inputs on which the rows agree best, as ``agreement`` does for a planar rover.
 
-        ``missing`` [n, W] are the wheels whose sinkage ``packed`` has from the rows.
+        ``missing`` [n, W] are the wheels whose sinkage ``packed`` has from the rows, ``values`` as
+        in :meth:`rows`.
 
         Wheels that slip little turn their shear far with a small motion across: the steps are
         repeated.
@@ -308,7 +342,7 @@ class PhysicsByWheel(nn.Module):
         view = view_of(packed, wheels)
         motion = body_motion(view)
         for _ in range(self.rounds):
-            rows = self.spent_where(missing, self.rows(frame, likely, alone, None), theta)
+            rows = self.spent_where(missing, self.rows(frame, likely, alone, None, values), theta)
             others = rows.used.shape[1] - 1
             used = (rows.used * chosen).narrow(1, 1, others)
             noise = (rows.noise[0] @ theta).narrow(1, 1, others) * used.unsqueeze(-1)

@@ -12,33 +12,16 @@ from torch import Tensor, nn
 
 from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.effect_rows import EffectRows, Observed
+from terrain_estimator.model.effect_values import NEAR, REEVALUATIONS, ValuePrior, with_changes
 from terrain_estimator.model.packing import PackedView, view_of
 from terrain_estimator.model.physics import Physics, SoilRows
 from terrain_estimator.model.physics_by_law import PhysicsByLaw
 from terrain_estimator.model.physics_by_wheel import PhysicsByWheel
 from terrain_estimator.model.physics_on_varying_ground import PhysicsOnVaryingGround
 from terrain_estimator.model.rows import ContactModel, Rows, values_alone
+from terrain_estimator.model.wheels_with_effects import WheelsWithEffects
 from terramechanics.simulation.plant import ContactInputs
 from terramechanics.vehicle.suspension import along_body
-
-REEVALUATIONS = 3
-"""Times that the rows of a block are evaluated anew at most."""
-NEAR = 0.01
-"""[prior deviations] Move of an effect that needs no other rows."""
-
-
-class ValuePrior(nn.Module):
-    """Gaussian prior of the V values of the effects, and the range of their laws, [V] each."""
-
-    mean: Tensor
-    sd: Tensor
-    low: Tensor
-    high: Tensor
-
-    def __init__(self, mean: Tensor, sd: Tensor, low: Tensor, high: Tensor) -> None:
-        super().__init__()
-        for name, value in (("mean", mean), ("sd", sd), ("low", low), ("high", high)):
-            self.register_buffer(name, value)
 
 
 class PhysicsWithEffects(nn.Module):
@@ -84,27 +67,12 @@ class PhysicsWithEffects(nn.Module):
         return self.effect_rows.size_moments(value, spread)
 
     def within(self, deviations: Tensor) -> Tensor:
-        """Return the ``deviations`` [M + V] with sizes inside their ranges.
-
-        Beyond the end of a range the rows are continued linearly.
-        """
-        low, high = (
-            (end - self.values.mean) / self.values.sd for end in (self.values.low, self.values.high)
-        )
-        first = self.uncertain_constants
-        return torch.cat(
-            [deviations[:first], torch.minimum(torch.maximum(deviations[first:], low), high)]
-        )
+        """Return the ``deviations`` [M + V] with sizes inside their ranges."""
+        return self.values.within(deviations, self.uncertain_constants)
 
     def values_at(self, deviations: Tensor) -> Tensor:
         """Return the values [1, V] of ``deviations`` [M + V] of constants and effects."""
-        return (
-            self.values.mean + self.values.sd * deviations[self.uncertain_constants :]
-        ).unsqueeze(0)
-
-    def varied_values(self, values: Tensor) -> Tensor:
-        """Return ``values`` [1, V] with one each larger by a thousandth of its deviation [V, V]."""
-        return values + 1e-3 * torch.diag(self.values.sd)
+        return self.values.from_deviations(deviations, self.uncertain_constants)
 
     def rows(
         self,
@@ -129,7 +97,7 @@ class PhysicsWithEffects(nn.Module):
         agreed = agreement(straight, plain, loaded, theta, chosen)
         correction = agreed.inputs - plain
         rows = self.effect_rows.rows(observed, correction, contact, values, strength, agreed.doubt)
-        every, n = self.varied_values(values), packed.shape[0]
+        every, n = self.values.varied(values), packed.shape[0]
         many = every.shape[0]
         varied = self.effect_rows.rows(
             Observed(packed.repeat(many, 1), rate.repeat(many, 1)),
@@ -177,7 +145,7 @@ class PhysicsWithEffects(nn.Module):
         """
         here = self.values_at(self.within(deviations))
         sets = constants + varied
-        values = torch.cat([here.expand(sets.shape[0], -1), self.varied_values(here)])
+        values = torch.cat([here.expand(sets.shape[0], -1), self.values.varied(here)])
         sets = torch.cat([sets, sets[:1].expand(here.shape[1], -1)]).unsqueeze(1)
         packed = view.packed.expand(values.shape[0], -1)
         before = view_of(packed, self.axles)
@@ -199,38 +167,17 @@ class PhysicsWithEffects(nn.Module):
         return torch.cat([row[:1], 1e3 * (row[1:] - row[0])])
 
 
-AnyPhysics = Physics | PhysicsByLaw | PhysicsByWheel | PhysicsOnVaryingGround | PhysicsWithEffects
+AnyPhysics = (
+    Physics
+    | PhysicsByLaw
+    | PhysicsByWheel
+    | PhysicsOnVaryingGround
+    | PhysicsWithEffects
+    | WheelsWithEffects
+)
 """What a model may have as its physics."""
 
 
 def nominal_of(physics: AnyPhysics) -> Physics:
     """Return the physics of rover and soils, without what another physics adds."""
     return physics if isinstance(physics, Physics) else physics.nominal
-
-
-def with_changes(rows: Rows, varied: Rows) -> Rows:
-    """Return ``rows`` [C, n, ...] with their changes by V values.
-
-    The rows ``varied`` [1, V n, ...] are by a thousandth of a deviation of each. The change of a
-    target stands, with the other sign, in the constant column.
-    """
-    n, r = rows.target.shape
-    alike = (varied.used.view(-1, n, r) == rows.used).to(rows.used.dtype).unsqueeze(-1)
-    by_target = 1e3 * (varied.target.view(-1, n, r) - rows.target)
-    features = 1e3 * (varied.features.view(-1, n, r, 3) - rows.features[0])
-    features = (
-        torch.cat([features[..., :2], (features[..., 2] - by_target).unsqueeze(-1)], -1) * alike
-    )
-    noise = (
-        1e3
-        * (varied.noise.view(-1, n, r, rows.noise.shape[3], 3) - rows.noise[0])
-        * alike.unsqueeze(-1)
-    )
-    return Rows(
-        torch.cat([rows.features, features]),
-        torch.cat([rows.noise, noise]),
-        rows.target,
-        rows.variance,
-        rows.used,
-        rows.taken,
-    )

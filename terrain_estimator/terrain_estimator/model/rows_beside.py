@@ -88,16 +88,29 @@ def with_motion(
 def of_slopes(
     body: BodyBeside, rows: Rows, frame: Frame, motion: BodyMotion, variance: float
 ) -> Rows:
-    """Return the rows whose mean over the block has the slopes in the last two.
+    """Return the rows of a block whose mean over it has the slopes in the last two.
 
     These have the ``variance`` of moment rows beside their sources.
     """
+    slope, share = block_slopes(frame.measured.step)
+    return weighted_by(body, rows, frame, motion, variance, slope, share)
+
+
+def weighted_by(
+    body: BodyBeside,
+    rows: Rows,
+    frame: Frame,
+    motion: BodyMotion,
+    variance: float,
+    slope: Tensor,
+    share: Tensor,
+) -> Rows:
+    """Return what :func:`of_slopes` does, with n w and n b [n] of :func:`block_slopes` given."""
     view, count = frame.measured, rows.target.shape[1]
-    slope, share = block_slopes(view.step)
     weight = torch.cat(
         [torch.ones_like(rows.target[:, : count - 2]), share.unsqueeze(1).expand(-1, 2)], 1
     )
-    lateral = slopes_beside(body, view, motion)
+    lateral = slope * velocity_beside(body, motion) + share * pulled_beside(body, view, motion)
     turning = slope * motion.yaw_rate * body.yaw_inertia
     target = torch.cat([rows.target[:, : count - 2], lateral.unsqueeze(1), turning.unsqueeze(1)], 1)
     none = torch.zeros_like(slope)

@@ -109,7 +109,7 @@ def finding_sentence(outcome: Proven, diagnosis: Diagnosis) -> str:
 def _verdict(outcome: Proven, diagnosis: Diagnosis) -> str:
     finding, proof = outcome.finding, outcome.proof
     judgement = finding.judgement
-    if judgement.verdict is Verdict.UNKNOWN and not judgement.named and proof:
+    if judgement.verdict is Verdict.UNKNOWN and not judgement.named and proof and proof.gap:
         return unseen_words(proof.gap.before, proof.gap.noise_floor)
     labels = [each.label for each in judgement.named]
     sizes = ", ".join(

@@ -11,15 +11,26 @@ from pathlib import Path
 from terrain_estimator.bags import BagError, BagReader, recover
 from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.proof.held_out import long_enough
-from terrain_estimator.discovery.runs import Blocks, RecordedRun, Refusals, RunError, cut, run_of
+from terrain_estimator.discovery.runs import (
+    Blocks,
+    RecordedRun,
+    Refusals,
+    RunError,
+    cut,
+    cut_by_wheel,
+    run_of,
+)
+from terrain_estimator.estimator.off_plane import SingleWheels
 from terrain_estimator.messaging.averaging import Averager, averaged
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.messaging.pairing import MessageSet, input_synchronizer
+from terrain_estimator.model.physics_of_wheels import physics_by_wheel
 from terrain_estimator.observation import Observation
 from terrain_estimator.offline.bag_options import BagOptions
 from terrain_estimator.offline.topic_mapping import TopicError, check_inputs
 from terrain_estimator.topics import INPUT_TYPES, REQUIRED_INPUTS, stamp_ns
 from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.wheel_places import WheelPlaces
 
 TAKE_DAMAGED = "--take-damaged"
 """The option with which what is left of a damaged bag counts as a run."""
@@ -49,21 +60,29 @@ def read_run_of(
     """
     lost = ""
     try:
-        run, lost = _left_of(bag, nominal.rover, reading or BagOptions(), take=take_damaged)
+        run, lost = _left_of(bag, nominal, reading or BagOptions(), take=take_damaged)
         if lost and not take_damaged:
             return ReadRun(None, f"{lost}; {TAKE_DAMAGED} uses what is left", lost)
-        blocks = replace(cut(run, nominal.contact), soil=nominal.soil)
+        blocks = replace(_cut(run, nominal), soil=nominal.soil)
         return ReadRun(long_enough(blocks) if held_out else blocks, lost=lost)
     except (BagError, TopicError, RunError, OSError) as error:
         return ReadRun(None, str(error), lost)
 
 
+def _cut(run: RecordedRun, nominal: Nominal) -> Blocks:
+    if nominal.places is None:
+        return cut(run, nominal.contact)
+    known = nominal.contact.constants.unsqueeze(0)
+    physics = physics_by_wheel(nominal.rover, nominal.places, known, 0.0)
+    return cut_by_wheel(run, physics, nominal.row_names)
+
+
 def _left_of(
-    bag: Path, rover: Rover, reading: BagOptions, *, take: bool
+    bag: Path, nominal: Nominal, reading: BagOptions, *, take: bool
 ) -> tuple[RecordedRun, str]:
     """Return the run of a bag and what is missing; of one that cannot be read what is recovered."""
     try:
-        return _run_and_losses(bag, rover, reading)
+        return _run_and_losses(bag, nominal.rover, reading, nominal.places)
     except BagError as error:
         if not take:
             raise
@@ -75,7 +94,7 @@ def _left_of(
                 raise error from None
             if not recovery.span.count:
                 raise
-            run, _ = _run_and_losses(whole, rover, reading)
+            run, _ = _run_and_losses(whole, nominal.rover, reading, nominal.places)
         return run, f"{error}; {recovery.words}"
 
 
@@ -90,7 +109,9 @@ def read_run(bag: Path, rover: Rover, reading: BagOptions) -> RecordedRun:
     return _run_and_losses(bag, rover, reading)[0]
 
 
-def _run_and_losses(bag: Path, rover: Rover, reading: BagOptions) -> tuple[RecordedRun, str]:
+def _run_and_losses(
+    bag: Path, rover: Rover, reading: BagOptions, places: WheelPlaces | None = None
+) -> tuple[RecordedRun, str]:
     names = reading.names
     with BagReader(bag) as reader:
         check_inputs(str(bag), reader.topics, names)
@@ -98,32 +119,39 @@ def _run_and_losses(bag: Path, rover: Rover, reading: BagOptions) -> tuple[Recor
         refusals = Refusals()
         run = run_of(
             bag.name,
-            _observations(reader, rover, reading, refusals),
+            _observations(reader, rover, reading, refusals, places),
             rover,
-            reading.config.core,
+            reading.config.core.of_model(by_wheel=places is not None),
             refusals,
+            SingleWheels.at(rover, places),
         )
         return run, "; ".join(reader.losses)
 
 
 def _observations(
-    reader: BagReader, rover: Rover, reading: BagOptions, refusals: Refusals
+    reader: BagReader,
+    rover: Rover,
+    reading: BagOptions,
+    refusals: Refusals,
+    places: WheelPlaces | None,
 ) -> Iterator[Observation]:
     """Yield the observations of a bag at 10 Hz; RunError where no messages are of one instant."""
-    used = reading.config.core
+    by_wheel = places is not None
+    used = reading.config.core.of_model(by_wheel=by_wheel)
     if not used.use_sinkage:
         raise RunError("parameter use_sinkage: the search needs every sinkage: set it to true")
     if used.contact_angle_sd:
         raise RunError(
             "parameter contact_angle_sd: the search needs every contact angle: set it to 0"
         )
-    converter = Converter(rover, reading.config.conversion, used)
+    conversion = reading.config.conversion.of_model(by_wheel=by_wheel)
+    converter = Converter(rover, conversion, used, places.steers(rover) if places else ())
     none = True
     readings = (
         converter.convert(complete.stamp_ns, complete.messages)
         for complete in _paired(reader, reading, converter)
     )
-    for converted in averaged(readings, Averager(rover, used)):
+    for converted in averaged(readings, Averager(rover, used, SingleWheels.at(rover, places))):
         none = False
         if converted.observation is None:
             refusals.add(converted.outcome, converted.detail)

@@ -60,10 +60,11 @@ class LateralBulldozing(Law):
 
     def added_force(self, inputs: ContactInputs, values: Tensor) -> AddedForce | None:
         """Return the force on the side; none straight ahead. ``values`` in [N/m^3]."""
-        if inputs.slip_angle is None:
+        aside = inputs.slip_angle
+        if aside is None:
             return None
         force = side_resistance(values, inputs.sinkage, self.radius, self.nodes)
-        side = force * torch.sin(inputs.slip_angle)
+        side = force * torch.sin(aside)
         return AddedForce(torch.zeros_like(side), torch.zeros_like(side), side)
 
 

@@ -25,6 +25,24 @@ FASTEST_SLIP = 1.0
 """[1] Bound of the slip that effects see: a rim may all but stop while its hub moves on."""
 
 
+def effect_inputs(
+    motion: WheelMotion,
+    sinkage: Tensor,
+    constants: Tensor,
+    strength: Tensor,
+    slowest: float = SLOWEST,
+    fastest_slip: float = FASTEST_SLIP,
+) -> ContactInputs:
+    """Return what an effect sees of wheels that roll anyhow, shapes as of ContactInputs."""
+    rim = motion.rim
+    way = torch.where(rim < 0.0, -1.0, 1.0).to(rim.dtype)
+    slip = 1.0 - motion.along / rim.abs().clamp(min=slowest) * way
+    slip = torch.where(rim.abs() / slowest < 1.0, 0.0, slip)
+    aside = torch.atan2(-motion.across, motion.along.abs())
+    seen = slip.clamp(-fastest_slip, fastest_slip)
+    return ContactInputs(seen, sinkage, constants, strength, None, aside, None)
+
+
 @dataclass(frozen=True, slots=True)
 class WheelEffects:
     """The effects on the wheels of some rovers in one step."""
@@ -70,14 +88,11 @@ class WheelEffects:
         )
         way = torch.where(rim < 0.0, -1.0, 1.0).to(rim.dtype)
         turning = (rim.abs() / SLOWEST).clamp(max=1.0)
-        slip = torch.where(turning < 1.0, 0.0, 1.0 - along / rim.abs().clamp(min=SLOWEST) * way)
-        sets = by_side(constants.expand(*shape, 6))
-        inputs = ContactInputs(
-            slip.clamp(-FASTEST_SLIP, FASTEST_SLIP),
+        inputs = effect_inputs(
+            WheelMotion(rim, along, across),
             depth,
-            sets,
+            by_side(constants.expand(*shape, 6)),
             by_side(strength.expand(*shape, 2)),
-            slip_angle=torch.atan2(-across, along.abs()),
         )
         changed = self.plant.contact(self.where, inputs)
         rows = compiled_rolling_forces()(

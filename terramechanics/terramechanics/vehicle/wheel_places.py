@@ -43,6 +43,14 @@ class WheelPlaces:
         places.check(rover)
         return places
 
+    def wheels(self, rover: Rover) -> tuple[str, ...]:
+        """Return the names of the wheels, front to rear, and left before right."""
+        return tuple(rover.wheel_names[k] for k in wheel_order(rover))
+
+    def steers(self, rover: Rover) -> tuple[bool, ...]:
+        """Return whether a joint turns each of the ``wheels``."""
+        return tuple(name in self.steered for name in self.wheels(rover))
+
     def check(self, rover: Rover) -> None:
         """Raise ConfigError where these are not the places of that rover's wheels."""
         if unknown := [name for name in self.steered if name not in rover.wheel_names]:

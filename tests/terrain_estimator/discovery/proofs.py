@@ -92,6 +92,7 @@ def main() -> None:
         for case in draw_cases(Plan(((name, 1.0),)), options.cases, options.seed):
             proof = proof_of(case, name)
             gap, step = proof.gap, proof.one_step_gap
+            assert gap is not None
             closed = "no gap" if gap.closed is None else f"{gap.closed:.0%}"
             numbers = [
                 f"{gap.before:.2f}",

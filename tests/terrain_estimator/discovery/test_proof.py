@@ -13,6 +13,7 @@ from terrain_estimator.discovery.evidence.study import Candidate, Study
 from terrain_estimator.discovery.evidence.verdict import Gains, Judgement, Verdict
 from terrain_estimator.discovery.hypotheses.library import NOTHING, singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
+from terrain_estimator.discovery.proof.gap import Gap
 from terrain_estimator.discovery.proof.held_out import Half, Model, long_enough
 from terrain_estimator.discovery.proof.proof import LIKELIER, Proof, better, halves, prove, settled
 from terrain_estimator.discovery.proof.rollout import determined, simulated, windows_of
@@ -32,6 +33,11 @@ MARS, LOOSE = load_rover("mars_rover"), load_soil("loose_sand")
 DRAG = (0.3, 0.3, 0.3, 0.0)
 """[N m s/rad] Of four drives: two to find it in, one that has it, one that has not."""
 STRENGTH = ((2500.0, 0.6), (1500.0, 0.7), (2000.0, 0.65), (3000.0, 0.55))
+
+
+def rolled(proof: Proof) -> Gap:
+    assert proof.gap is not None
+    return proof.gap
 
 
 @cache
@@ -64,7 +70,7 @@ def test_an_effect_that_is_there_closes_the_gap_of_a_run_that_it_was_not_fitted_
     proof = proven(2)
     assert proof.added
     assert "is added" in proof.sentence
-    for gap in (proof.gap, proof.one_step_gap):
+    for gap in (rolled(proof), proof.one_step_gap):
         assert gap.before > 2.0 * gap.noise_floor
         assert gap.closed is not None
         assert gap.closed > 0.8
@@ -84,8 +90,9 @@ def test_an_effect_that_is_there_closes_the_gap_of_a_run_that_it_was_not_fitted_
 
 def test_an_effect_that_the_held_out_run_lacks_is_not_added() -> None:
     proof = proven(3)
-    assert proof.gap.after is not None
-    assert proof.gap.after > proof.gap.before
+    gap = rolled(proof)
+    assert gap.after is not None
+    assert gap.after > gap.before
     assert not proof.added
     assert "is not added" in proof.sentence
 
@@ -111,7 +118,7 @@ def test_held_out_runs_are_likelier_with_the_effect_only_where_they_have_it() ->
 def test_an_effect_is_added_that_helps_in_one_way_and_harms_in_none(
     rollouts: tuple[float, float], ahead: tuple[float, float], likelier: float, *, added: bool
 ) -> None:
-    gap = dataclasses.replace(proven(2).gap, improvement_95=rollouts, above_floor_95=(0.5, 1.5))
+    gap = dataclasses.replace(rolled(proven(2)), improvement_95=rollouts, above_floor_95=(0.5, 1.5))
     assert better(gap, dataclasses.replace(gap, nll_improvement_95=ahead), likelier) == added
 
 
@@ -134,7 +141,7 @@ def test_rollouts_that_miss_by_no_more_than_expected_refute_nothing(
 ) -> None:
     """The floor is 2.0; without the effect they miss by less, by chance."""
     gap = dataclasses.replace(
-        proven(2).gap,
+        rolled(proven(2)),
         before=2.3,
         after=after,
         noise_floor=2.0,
@@ -162,7 +169,7 @@ def test_an_effect_that_leaves_most_of_the_gap_is_not_added(
     rollouts: tuple[float, float] | None, ahead: tuple[float, float] | None, *, added: bool
 ) -> None:
     """It is likelier and better than nothing; a gap that chance may have made tells nothing."""
-    gap = dataclasses.replace(proven(2).gap, improvement_95=(0.1, 0.3), closed_95=rollouts)
+    gap = dataclasses.replace(rolled(proven(2)), improvement_95=(0.1, 0.3), closed_95=rollouts)
     step_gap = dataclasses.replace(gap, closed_95=ahead)
     assert better(gap, step_gap, 9.0) == added
     proof = dataclasses.replace(proven(2), gap=gap, one_step_gap=step_gap, added=added)
@@ -170,7 +177,7 @@ def test_an_effect_that_leaves_most_of_the_gap_is_not_added(
 
 
 def test_the_errors_of_a_right_effect_are_about_those_that_it_expects() -> None:
-    gap = proven(2).gap
+    gap = rolled(proven(2))
     assert gap.after is not None
     assert gap.above_floor_95 is not None
     low, high = gap.above_floor_95
@@ -199,7 +206,8 @@ def test_nothing_is_missing_only_where_rollouts_are_near_the_noise_floor(
     times: float, verdict: Verdict
 ) -> None:
     proof = proven(2)
-    gap = dataclasses.replace(proof.gap, before=times * proof.gap.noise_floor, after=None)
+    gap = rolled(proof)
+    gap = dataclasses.replace(gap, before=times * gap.noise_floor, after=None)
     chances = {"none": 0.9, "unknown": 0.06, "drive_drag": 0.04}
     judgement = Judgement(Verdict.NONE, (), chances)
     finding = Finding(judgement, cast("Gains", None), (found(),), found(), ())
@@ -216,8 +224,8 @@ def test_nothing_is_missing_only_where_rollouts_are_near_the_noise_floor(
 
 def test_a_drag_that_no_name_and_no_row_would_show_is_far_off_in_rollouts() -> None:
     with torch.inference_mode():
-        gap = prove(nominal_of(MARS, LOOSE), None, [drives()[1][2]]).gap
-        null = prove(nominal_of(MARS, LOOSE), None, [drives()[1][3]]).gap
+        gap = rolled(prove(nominal_of(MARS, LOOSE), None, [drives()[1][2]]))
+        null = rolled(prove(nominal_of(MARS, LOOSE), None, [drives()[1][3]]))
     assert gap.far_off
     assert not null.far_off
 
@@ -245,7 +253,7 @@ def test_the_unknown_place_of_a_payload_does_not_raise_the_noise_floor() -> None
         )
         loaded = dataclasses.replace(candidate, fit=fit)
         with torch.inference_mode():
-            gap = prove(nominal_of(MARS, LOOSE), loaded, [drives()[1][3]]).gap
+            gap = rolled(prove(nominal_of(MARS, LOOSE), loaded, [drives()[1][3]]))
         floors.append(gap.noise_floor)
     assert floors[1] < 1.05 * floors[0]
 

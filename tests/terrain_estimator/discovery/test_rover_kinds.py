@@ -36,8 +36,9 @@ def test_the_drag_of_the_drives_is_the_likeliest_of_what_may_be_missing(rover: R
 
 
 def test_rows_of_two_axles_have_the_names_of_front_and_rear() -> None:
-    assert row_words("torque_1", 2) == "torque row of the rear wheels"
-    assert row_words("torque_1", 3) == "torque row of the middle wheels"
+    four, six = (study("", rover=rover).nominal for rover in (FOUR_WHEELS, BOGIE_IN_FRONT))
+    assert row_words("torque_1", four) == "torque row of the rear wheels"
+    assert row_words("torque_1", six) == "torque row of the middle wheels"
 
 
 def test_a_tilted_attitude_sensor_shows_in_the_velocity_row_of_four_wheels() -> None:

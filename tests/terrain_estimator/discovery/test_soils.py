@@ -59,5 +59,7 @@ def test_rollouts_are_simulated_on_the_soil_of_their_run() -> None:
     with torch.inference_mode():
         both = prove(LOOSE, None, blocks()).gap
         wrong = prove(LOOSE, None, [blocks()[0], replace(blocks()[1], soil=None)]).gap
+    assert both is not None
+    assert wrong is not None
     assert 0.8 < both.before / both.noise_floor < 1.25
     assert wrong.before > 2.0 * both.before

@@ -20,7 +20,7 @@ from terrain_estimator.config.estimator import ConversionConfig, CoreConfig, Est
 from terrain_estimator.estimator.configured import as_configured
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.estimator.off_plane import SingleWheels
-from terrain_estimator.learning.adding import Sized, with_effects
+from terrain_estimator.learning.adding import Sized, add_effects, with_effects
 from terrain_estimator.learning.by_wheel import build_model_by_wheel
 from terrain_estimator.learning.export import export
 from terrain_estimator.learning.restore import restore
@@ -28,6 +28,7 @@ from terrain_estimator.messaging.averaging import Averager, averaged
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import warm_up
 from terrain_estimator.model.block import BlockRows
+from terrain_estimator.model.effects import not_estimated
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.metadata import ModelFileError, Training
 from terrain_estimator.model.model_file import load_model
@@ -37,6 +38,7 @@ from terrain_estimator.observation import Observation
 from terrain_estimator.offline.estimation_process import _pack, _unpack
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import Update
+from terramechanics.effects import EFFECTS
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.wheel_places import WheelPlaces
@@ -485,9 +487,23 @@ def test_gravity_and_the_turn_pull_together_on_the_packed_pitch() -> None:
     assert math.sin(body.pitch(flat)) == pytest.approx(pulled / 9.81, rel=1e-12)
 
 
+def test_every_effect_of_models_by_wheel_is_written_and_estimated(
+    skid: LoadedModel, tmp_path: Path
+) -> None:
+    names = [name for name in EFFECTS if name not in not_estimated(by_wheel=True)]
+    assert "lateral_bulldozing" in names
+    effects = [Sized.of_library(name) for name in names]
+    add_effects(skid, effects, tmp_path / "all.pt")
+    updates = driven(load_model(str(tmp_path / "all.pt")), observations(skid, SKID, 1.0))
+    for effect, prior in zip(updates[-1].estimate.effects, effects, strict=True):
+        assert effect.name == prior.name
+        assert 0.0 < effect.sd < prior.sd
+
+
 def test_what_needs_a_model_by_axle_refuses_one_by_wheel(skid: LoadedModel) -> None:
-    with pytest.raises(ConfigError, match="is by wheel; named effects need one by axle"):
-        with_effects(skid, [Sized.of_library("coulomb_drag")])
+    for name in ("payload", "multipass"):
+        with pytest.raises(ConfigError, match=f"{name} cannot be added to a model by wheel"):
+            with_effects(skid, [Sized.of_library(name)])
     with pytest.raises(ModelFileError, match="is by wheel: give one that is by axle"):
         restore(skid)
     with pytest.raises(ConfigError, match=r"knows law wong_reece alone, not scm"):

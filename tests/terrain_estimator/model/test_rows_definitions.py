@@ -12,6 +12,7 @@ from torch import Tensor
 
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.model.agreement import LARGEST_ERROR, agreement
+from terrain_estimator.model.effect_values import with_changes
 from terrain_estimator.model.packed_observation import (
     PACKED_SCALAR_FIELDS,
     PACKED_WHEEL_FIELDS,
@@ -19,7 +20,7 @@ from terrain_estimator.model.packed_observation import (
 )
 from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.physics import UNCERTAIN, uncertain_constants
-from terrain_estimator.model.physics_with_effects import nominal_of, with_changes
+from terrain_estimator.model.physics_with_effects import nominal_of
 from terrain_estimator.model.row_names import row_names
 from terrain_estimator.model.rows import (
     MOMENT_VARIANCE,

@@ -18,9 +18,10 @@ from torch import Tensor
 from terrain_estimator.discovery.evidence.expected import Stage, loss, stage
 from terrain_estimator.discovery.evidence.study import Candidate, Study
 from terrain_estimator.discovery.hypotheses.equations import RunEquations
-from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis
-from terrain_estimator.discovery.hypotheses.rows import Expansion, HypothesisRows, Nominal
+from terrain_estimator.discovery.hypotheses.library import NOT_BY_WHEEL, NOTHING, Hypothesis
+from terrain_estimator.discovery.hypotheses.rows import Expansion, Nominal
 from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
+from terrain_estimator.discovery.hypotheses.wheel_rows import rows_of
 from terrain_estimator.discovery.runs import Blocks
 from terramechanics.effects import EFFECTS
 
@@ -68,11 +69,15 @@ def isolability(study: Study, hypotheses: Sequence[Hypothesis], around: Candidat
     names = [each.label for each in hypotheses]
     nats = matrix(stages, found)
     excited = [k for k in range(len(names)) if float(nats[k, k]) >= LEAST]
-    why = {
-        name: "it acts sideways, which a planar rover does not show"
-        for name, each in EFFECTS.items()
-        if not each.planar
-    }
+    why = (
+        {
+            name: "it acts sideways, which a planar rover does not show"
+            for name, each in EFFECTS.items()
+            if not each.planar
+        }
+        if study.nominal.places is None
+        else dict(NOT_BY_WHEEL)
+    )
     for k, name in enumerate(names):
         if k not in excited:
             gain = max(float(nats[k, k]), 0.0)
@@ -184,7 +189,7 @@ def run_signatures(
 
     def rows(hypothesis: Hypothesis, values: tuple[float, ...]) -> Tensor:
         laws = hypothesis.laws(nominal.rover)
-        return RunEquations(run, HypothesisRows(nominal, run, laws), mask).shortfall(
+        return RunEquations(run, rows_of(nominal, run, laws), mask).shortfall(
             unknowns, values, around
         )
 

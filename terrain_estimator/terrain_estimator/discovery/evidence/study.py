@@ -30,7 +30,6 @@ from terrain_estimator.discovery.hypotheses.unknowns import Point, start_of
 from terrain_estimator.discovery.leftover.flexible import Flexible, flexible, no_columns
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.packing import view_of
-from terrain_estimator.model.row_names import row_names
 from terramechanics.terrain.soil import Soil
 
 
@@ -68,9 +67,7 @@ class Study:
         """
         self.nominal, self.runs = nominal, tuple(runs)
         self.mask = (
-            torch.ones(len(row_names(nominal.rover.axles)), dtype=torch.float64)
-            if mask is None
-            else mask
+            torch.ones(len(nominal.row_names), dtype=torch.float64) if mask is None else mask
         )
         self.contributions = contributions or here(self.runs)
         self._plain = no_columns(self.runs)
@@ -267,7 +264,7 @@ class Study:
         """
         weights = flexible(self.runs)
         sizes, first = candidate.hypothesis.shared(), candidate.fit.point.shared.shape[0]
-        rows = row_names(self.nominal.rover.axles)
+        rows = self.nominal.row_names
         row_of = torch.tensor([rows.index(column.row) for column in weights.names])
         spread = _first_spread(candidate.fit, len(rows))[row_of]
         point = candidate.fit.point.with_shared(

@@ -30,6 +30,7 @@ from terrain_estimator.discovery.hypotheses.rows import (
     LinearizationPoint,
 )
 from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
+from terrain_estimator.discovery.hypotheses.wheel_rows import WheelChanges, WheelRows
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.block import LINK_VARIANCE, row_weights
 from terrain_estimator.model.gaussian import cholesky, log_determinant
@@ -152,7 +153,7 @@ def _by_theta(rows: Rows, average: Averages, error: Tensor) -> Tensor:
     return torch.stack(columns, -1)
 
 
-def _by_constant(changes: Changes, average: Averages, error: Tensor) -> Tensor:
+def _by_constant(changes: Changes | WheelChanges, average: Averages, error: Tensor) -> Tensor:
     """Return the change of the rows by each soil constant, [B, Q, M]."""
     change = changes.at(error.flatten(0, 2))
     return average.of(_block_shape(change, error.shape[0], 1)).permute(1, 2, 0)
@@ -161,7 +162,7 @@ def _by_constant(changes: Changes, average: Averages, error: Tensor) -> Tensor:
 class RunEquations:
     """The equations of one run under one hypothesis, at any point."""
 
-    def __init__(self, blocks: Blocks, rows: HypothesisRows, mask: Tensor) -> None:
+    def __init__(self, blocks: Blocks, rows: HypothesisRows | WheelRows, mask: Tensor) -> None:
         """Take the run and its rows; ``mask`` [R] is 1 for rows that may be used."""
         self._blocks, self._rows, self._mask = blocks, rows, mask
 

@@ -36,11 +36,25 @@ TYPICAL = {
     "rate_dependence": 0.15,
     "exit_angle": 0.02,
     "contact_law_scm": 1.0,
+    "lateral_bulldozing": 1e5,
 }
-"""Sizes at which the named effects spoil the estimate of the ground on the Mars-like rover."""
+"""Sizes at which the named effects spoil the estimate of the ground on the Mars-like rover.
+
+That of lateral_bulldozing, which no planar rover shows, is a quarter of its range.
+"""
+NOT_BY_WHEEL = {
+    "multipass": "which wheels rolled over the same ground before is not known in a turn",
+    "failed_wheel": "it is a law of both wheels of an axle of a planar rover",
+    "latency": "its correction keeps slips in the range of a planar rover",
+    "contact_law_scm": "this contact law has no forces across the heading of a wheel",
+}
+"""Effects without a column by wheel, and why."""
 ON_REQUEST = frozenset({"contact_law_scm"})
 """Effects that are candidates only where they are named: their false names were not measured."""
-SOIL_LAWS = ("bulldozing", "grousers", "slip_sinkage", "multipass", "rate_dependence", "exit_angle")
+SOIL_LAWS = (
+    "bulldozing", "grousers", "slip_sinkage", "multipass", "rate_dependence", "exit_angle",
+    "lateral_bulldozing",
+)  # fmt: skip
 """Effects whose law of slip, sinkage or speed is an author's: others have other sizes."""
 OTHER_SOIL_LAW, OTHER_LAW = 0.2, 0.05
 """[1] Relative deviation of the size of SOIL_LAWS and of other effects, beside that of the fit.
@@ -235,6 +249,22 @@ def singles(names: tuple[str, ...] = (), axles: int = AXLES) -> list[Hypothesis]
         places: tuple[int | None, ...] = tuple(range(axles)) if description.by_axle else (None,)
         found += [Hypothesis((LibraryEffect(name, place),)) for place in places]
     return found
+
+
+def singles_by_wheel(names: tuple[str, ...] = ()) -> list[Hypothesis]:
+    """Return one hypothesis for each named effect that has a column by wheel, by default all.
+
+    Raises:
+        ConfigError: a name is unknown, or has none.
+    """
+    for name in names:
+        if describe(name).name in NOT_BY_WHEEL:
+            raise ConfigError(
+                f"effect {name} is not testable by wheel: {NOT_BY_WHEEL[name]}: leave it out of"
+                " --library, or give a model by axle"
+            )
+    known = [each for each in EFFECTS if each not in NOT_BY_WHEEL]
+    return [Hypothesis((LibraryEffect(name),)) for name in names or known]
 
 
 def together(first: Hypothesis, second: Hypothesis) -> Hypothesis:

@@ -15,7 +15,9 @@ from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.effect_rows import EffectRows, Observed
 from terrain_estimator.model.physics import uncertain_constants
+from terrain_estimator.model.physics_of_wheels import physics_by_wheel
 from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior
+from terrain_estimator.model.row_names import row_names, row_names_by_wheel
 from terrain_estimator.model.rows import (
     MOMENT_VARIANCE,
     PA_PER_UNIT,
@@ -41,6 +43,7 @@ from terramechanics.simulation.plant import ContactInputs
 from terramechanics.terrain.soil import WONG_REECE, Soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import geometry_of
+from terramechanics.vehicle.wheel_places import WheelPlaces
 
 _POINTS = 4
 """Nodes of the quadrature: forces within about 1e-4, below the noise, in two thirds of the time."""
@@ -57,6 +60,24 @@ class Nominal:
     prior: Prior
     revised: tuple[tuple[Soil, Soil], ...] = ()
     """Soils as told, and the soils that runs on them have."""
+    places: WheelPlaces | None = None  # where wheels are taken one by one; None: by axle
+
+    @property
+    def wheels(self) -> tuple[str, ...]:
+        """Names of the wheels that are taken one by one; empty: the rows are by axle."""
+        return () if self.places is None else self.places.wheels(self.rover)
+
+    @property
+    def stations(self) -> int:
+        """Number of values of a quantity in an observation: one per axle, or per wheel."""
+        return len(self.wheels) or self.rover.axles
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Names of the rows, in their order."""
+        if self.places is None:
+            return row_names(self.rover.axles)
+        return row_names_by_wheel(self.stations, len(self.rover.suspension))
 
     def soil_of(self, told: Soil) -> Soil:
         """Return the soil that runs on a soil as told have."""
@@ -67,12 +88,23 @@ class Nominal:
         soil = self.soil_of(run.soil or self.soil)
         if soil == self.soil and not self.revised:
             return self
-        return nominal_of(self.rover, soil, self.prior)
+        return nominal_of(self.rover, soil, self.prior, self.places)
 
 
 @lru_cache(maxsize=32)
-def nominal_of(rover: Rover, soil: Soil, prior: Prior = DEFAULT_PRIOR) -> Nominal:
-    """Return the nominal model; ``prior`` is that of the model which may lack an effect."""
+def nominal_of(
+    rover: Rover, soil: Soil, prior: Prior = DEFAULT_PRIOR, places: WheelPlaces | None = None
+) -> Nominal:
+    """Return the nominal model; ``prior`` is that of the model which may lack an effect.
+
+    ``places`` are given where wheels are taken one by one.
+    """
+    if places is not None:
+        nominal = physics_by_wheel(
+            rover, places, soil.constants().unsqueeze(0), prior.constants_sd
+        ).nominal
+        contact, uncertain = nominal.nominal_contact(), nominal.uncertain[0]
+        return Nominal(rover, soil, contact, uncertain, prior, places=places)
     constants = soil.constants().unsqueeze(0)
     uncertain = uncertain_constants(constants, prior.constants_sd, rover.wheel_width)[0]
     stand_in = torch.tensor(

@@ -15,7 +15,6 @@ from torch import Tensor
 from terrain_estimator.discovery.runs import Blocks, Signals
 from terrain_estimator.model.block import row_weights
 from terrain_estimator.model.packing import view_of
-from terrain_estimator.model.row_names import row_names
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +35,7 @@ class Flexible:
 
 def no_columns(runs: Sequence[Blocks]) -> Flexible:
     """Return no discrepancy."""
-    rows = len(row_names(runs[0].wheel_rate.shape[-1])) + 1
+    rows = len(runs[0].rows) + 1
     return Flexible(
         (), tuple(torch.zeros(run.packed.shape[0], rows, 0, dtype=torch.float64) for run in runs)
     )
@@ -48,7 +47,7 @@ def flexible(runs: Sequence[Blocks]) -> Flexible:
     tables = [_functions(run.signals, axles) for run in runs]
     names: list[Column] = []
     values: list[list[Tensor]] = [[] for _ in runs]
-    for row, name in enumerate(row_names(axles)):
+    for row, name in enumerate(runs[0].rows):
         for signal, wanted in tables[0].items():
             own = signal.startswith("wheel_")
             if own and not (name.startswith("torque") and signal.endswith(f"_{row - 2}")):
@@ -90,6 +89,8 @@ def _functions(signals: Signals, axles: int) -> dict[str, Tensor]:
         "time x pitch": time * pitch,
         "time x pitch rate": time * turning,
     }
+    for yaw_rate in signals.yaw_rate.unbind(1):
+        functions |= {"yaw rate": yaw_rate, "yaw rate^2": yaw_rate**2}
     for axle in range(axles):
         slip, sinkage, speed = (
             signals.slip[:, axle],
@@ -104,6 +105,9 @@ def _functions(signals: Signals, axles: int) -> dict[str, Tensor]:
         }
         deeper = signals.sinkage_rate[:, axle]
         own = each | {"slip^2": slip**2, "sinkage^2": sinkage**2, "sinkage rate": deeper}
+        for angle in signals.slip_angle[:, axle : axle + 1].unbind(1):
+            each |= {"slip angle": angle}
+            own |= {"slip angle": angle, "slip angle^2": angle**2}
         own |= {f"time x {name}": time * each[name] for name in ("slip", "sinkage", "slip rate")}
         functions |= {f"each_{name}_{axle}": value for name, value in each.items()}
         functions |= {f"wheel_{name}_{axle}": value for name, value in own.items()}
@@ -123,8 +127,7 @@ def _functions(signals: Signals, axles: int) -> dict[str, Tensor]:
 def in_row(values: Tensor, row: int, run: Blocks) -> Tensor:
     """Return a function [B] in one row of every observation as a column [B, Q] of the blocks."""
     blocks, count, _ = run.packed.shape
-    axles = run.wheel_rate.shape[-1]
-    rows = len(row_names(axles))
+    axles, rows = run.wheel_rate.shape[-1], len(run.rows)
     used = torch.ones(blocks, count, rows, dtype=torch.float64)
     weight = row_weights(used, view_of(run.packed, axles).step)
     column = torch.zeros(blocks, rows + 1, dtype=torch.float64)

@@ -22,9 +22,10 @@ from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.leftover.flexible import in_row
 from terrain_estimator.discovery.runs import Blocks
+from terrain_estimator.model.body_motion import body_motion
 from terrain_estimator.model.packing import view_of
-from terrain_estimator.model.row_names import row_names
 from terramechanics.contact.laws import contact_law
+from terramechanics.simulation.sample import SLOWEST
 
 ABOVE, BELOW = (0.5, 0.75, 0.9), (0.1, 0.25, 0.5)
 """Shares of all seconds at which a region may begin or end."""
@@ -91,14 +92,13 @@ class Regions:
 
 def regions(nominal: Nominal, runs: Sequence[Blocks], fitted: Sequence[Unknowns]) -> Regions:
     """Return every region of every signal in every row, at the loads of a ``fitted`` candidate."""
-    axles = nominal.rover.axles
     body, wheels = signals(nominal, runs, fitted)
     names: list[Region] = []
     columns: list[list[Tensor]] = [[] for _ in runs]
-    for row, name in enumerate(row_names(axles)):
+    for row, name in enumerate(nominal.row_names):
         own = wheels[row - 2] if name.startswith("torque") else body
         everywhere = (
-            Region(name, "wheel", f"{axle_name(row - 2, axles)} wheels", 0.0)
+            Region(name, "wheel", wheels_name(row - 2, nominal), 0.0)
             if own is not body
             else Region(name, "none", "everywhere", 0.0)
         )
@@ -116,8 +116,12 @@ def regions(nominal: Nominal, runs: Sequence[Blocks], fitted: Sequence[Unknowns]
 def signals(
     nominal: Nominal, runs: Sequence[Blocks], fitted: Sequence[Unknowns]
 ) -> tuple[Mapping[str, Signal], list[Mapping[str, Signal]]]:
-    """Return the signals of the body's rows and those of each axle's torque row, by name."""
-    axles = nominal.rover.axles
+    """Return the signals of the body's rows and those of each axle's torque row, by name.
+
+    Wheels that are taken one by one have a slip angle and no load, which depends on more than slip
+    and sinkage there.
+    """
+    axles = nominal.stations
     every = [run.signals for run in runs]
     gains = [_gain(run) for run in runs]
     level = tuple(
@@ -141,12 +145,18 @@ def signals(
         for axle in range(axles)
     ]
     for axle, each in enumerate(own):
-        each["load"] = _load(nominal, runs, fitted, axle, each["slip"], each["sinkage"])
+        if nominal.places is None:
+            each["load"] = _load(nominal, runs, fitted, axle, each["slip"], each["sinkage"])
+        else:
+            each["slip angle"] = _slip_angle(axle, runs)
+    if nominal.places is not None:
+        shared["yaw rate"] = _yaw_rate(axles, runs)
     mean = {kind: _mean([each[kind] for each in own]) for kind in ("speed", "slip", "sinkage")}
     single = [
-        dataclasses.replace(each[kind], name=f"{kind} of the {axle_name(axle, axles)} wheels")
+        dataclasses.replace(each[kind], name=f"{kind} of the {wheels_name(axle, nominal)}")
         for axle, each in enumerate(own)
-        for kind in ("slip", "sinkage", "load")
+        for kind in each
+        if kind != "speed"
     ]
     return shared | mean | {each.name: each for each in single}, [shared | each for each in own]
 
@@ -204,6 +214,37 @@ LEAST_KEPT = 0.1
 """[1] Correlation of noise from sample to sample below which it does not reach the next second."""
 LARGEST_NOISE = 0.5
 """[1] Deviation of the noise of a signal over that of the signal, above which it is not used."""
+
+
+def _yaw_rate(wheels: int, runs: Sequence[Blocks]) -> Signal:
+    """Return the yaw rate, positive to the left."""
+    motions = [body_motion(view_of(run.packed, wheels)) for run in runs]
+    noise = tuple(_jitter(each.yaw_rate, each.yaw_rate_sd, 1.0) for each in motions)
+    return Signal("yaw rate", "rad/s", tuple(run.signals.yaw_rate[:, 0] for run in runs), noise)
+
+
+def _slip_angle(wheel: int, runs: Sequence[Blocks]) -> Signal:
+    """Return the angle of a hub's way to the left of its heading.
+
+    Its noise is taken to be that of the lateral velocity and of the yaw rate at the place of the
+    body's origin, over the speed of the rim.
+    """
+    values, noise = [], []
+    for run in runs:
+        motion = body_motion(view_of(run.packed, run.wheel_rate.shape[-1]))
+        speed = motion.rim[..., wheel].abs().clamp(min=SLOWEST)
+        jitter = _jitter(motion.lateral, motion.lateral_sd, 1.0)
+        factor = math.degrees(float((1.0 / speed).mean()))
+        values.append(torch.rad2deg(run.signals.slip_angle[:, wheel]))
+        noise.append(Jitter(factor * jitter.sd, jitter.alike))
+    return Signal("slip angle", "deg", tuple(values), tuple(noise))
+
+
+def wheels_name(station: int, nominal: Nominal) -> str:
+    """Return ``middle wheels``, or ``front left wheel`` where wheels are taken one by one."""
+    if nominal.places is None:
+        return f"{axle_name(station, nominal.rover.axles)} wheels"
+    return f"{nominal.wheels[station].replace('_', ' ')} wheel"
 
 
 def axle_name(axle: int, axles: int) -> str:

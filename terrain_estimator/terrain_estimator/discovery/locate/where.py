@@ -22,8 +22,9 @@ from torch import Tensor
 
 from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.hypotheses.rows import Nominal
-from terrain_estimator.discovery.locate.regions import Region, axle_name, regions
+from terrain_estimator.discovery.locate.regions import Region, regions, wheels_name
 from terrain_estimator.discovery.locate.whitening import innovations, whitening
+from terrain_estimator.model.row_names import ROLL_MOMENT
 from terrain_estimator.observation import Floats
 
 LEVEL = 0.05
@@ -214,7 +215,7 @@ def _described(
         unit,
         p,
         runs,
-        sentence(region, strength, unit, p, runs, names, study.nominal.rover.axles),
+        sentence(region, strength, unit, p, runs, names, study.nominal),
     )
 
 
@@ -224,7 +225,7 @@ def unit_of(row: str, nominal: Nominal) -> tuple[float, str]:
     weight = rover.mass * rover.gravity
     if row == "load":
         return weight, "N"
-    if row in ("moment", "bogie_moment"):
+    if row in ("moment", "bogie_moment", ROLL_MOMENT, "yaw_rate"):
         return weight * abs(rover.axle_x[0] - rover.axle_x[-1]), "N m"
     return 1.0, "N m" if row.startswith("torque") else "m/s^2"
 
@@ -236,7 +237,7 @@ def sentence(
     p: float,
     runs: Sequence[str],
     every: Sequence[str],
-    axles: int,
+    nominal: Nominal,
 ) -> str:
     """Return a sentence on a disagreement.
 
@@ -256,13 +257,13 @@ def sentence(
         if len(runs) == len(every)
         else ", ".join(runs)
     )
-    return f"{row_words(region.row, axles)}, {place}: {words} ({certain}, {shown})"
+    return f"{row_words(region.row, nominal)}, {place}: {words} ({certain}, {shown})"
 
 
-def row_words(row: str, axles: int) -> str:
-    """Return the name of a row of a rover with so many axles for a reader."""
+def row_words(row: str, nominal: Nominal) -> str:
+    """Return the name of a row for a reader."""
     return (
-        f"torque row of the {axle_name(int(row[-1]), axles)} wheels"
+        f"torque row of the {wheels_name(int(row.removeprefix('torque_')), nominal)}"
         if row.startswith("torque")
         else f"{row.replace('_', ' ')} row"
     )
@@ -275,4 +276,7 @@ _MEASURED = {
     "acceleration": "the accelerometer reads",
     "moment": "the wheels turn the rover by",
     "bogie": "the wheels turn the bogie by",
+    "roll": "the wheels roll the rover by",
+    "lateral": "the rover accelerates to the left",
+    "yaw": "the rover's turn to the left quickens by",
 }

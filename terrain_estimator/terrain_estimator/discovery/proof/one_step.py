@@ -8,6 +8,7 @@ noise and what is not known of the ground and of sizes.
 """
 
 import math
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -16,7 +17,6 @@ from terrain_estimator.discovery.hypotheses.equations import Equations
 from terrain_estimator.discovery.proof.held_out import GroundEstimate
 from terrain_estimator.discovery.proof.scores import Predicted
 from terrain_estimator.model.gaussian import cholesky, log_determinant
-from terrain_estimator.model.row_names import row_names
 
 
 def one_step(equations: Equations, ground: GroundEstimate, follows: Tensor) -> Predicted:
@@ -65,10 +65,14 @@ def one_step(equations: Equations, ground: GroundEstimate, follows: Tensor) -> P
     )
 
 
-def names(axles: int) -> tuple[tuple[str, str], ...]:
+def names(rows: Sequence[str]) -> tuple[tuple[str, str], ...]:
     """Return name and unit of each row."""
-    units = {"velocity": "m/s", "load": "1", "acceleration": "m/s^2"}
+    units = {
+        "velocity": "m/s",
+        "load": "1",
+        "acceleration": "m/s^2",
+        "lateral_velocity": "m/s^2",
+    }
     return tuple(
-        (name, "N m" if name.startswith("torque") else units.get(name, "1"))
-        for name in row_names(axles)
+        (name, "N m" if name.startswith("torque") else units.get(name, "1")) for name in rows
     )

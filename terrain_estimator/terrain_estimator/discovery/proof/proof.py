@@ -22,7 +22,7 @@ halves are alike, a ground that the whole run need not allow.
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from typing import Any
 
@@ -110,7 +110,7 @@ class Proof:
 
     effect: str  # label of the hypothesis, empty where nothing is to be added
     added: bool
-    gap: Gap  # of rollouts of five seconds
+    gap: Gap | None  # of rollouts of five seconds; None: no turn is simulated ahead
     one_step_gap: Gap  # of predictions of one second, in what the model expects of its error
     log_bayes_factor: (
         float | None
@@ -118,17 +118,21 @@ class Proof:
     rows: tuple[RowScore, ...]
     parameters: tuple[Strength, ...]
     # of the signal that the model without the effect misses most, in its worst window
-    rollout: SignalSeries
-    velocity_rollout: SignalSeries  # of the velocity in the same window
+    rollout: SignalSeries | None
+    velocity_rollout: SignalSeries | None  # of the velocity in the same window
     encoders: bool = True  # whether every run has measured wheel rates, which drive the rollouts
 
     @property
     def sentence(self) -> str:
         """The outcome in words."""
-        gap, step = self.gap, self.one_step_gap.nll_improvement_95
+        gap, step = self.gap or self.one_step_gap, self.one_step_gap.nll_improvement_95
         floor = f"sd of the sensors, the noise floor is {gap.noise_floor:.2f}"
+        judged = "rollouts"
+        if self.gap is None:
+            judged = "predictions of one second"
+            floor = f"sd of what is expected of them, the noise floor is {gap.noise_floor:.2f}"
         if gap.after is None or gap.improvement_95 is None or step is None:
-            return f"nothing is added: rollouts of held-out runs miss by {gap.before:.2f} {floor}"
+            return f"nothing is added: {judged} of held-out runs miss by {gap.before:.2f} {floor}"
         most = most_closed(self.gap, self.one_step_gap)
         little = most is not None and most < LEAST_CLOSED
         outcome = "did not prove itself on held-out runs and is not added"
@@ -148,13 +152,14 @@ class Proof:
             f" a whole {self.log_bayes_factor:.0f} nat"
         )
         return (
-            f"{self.effect} {outcome}: rollouts miss by {gap.after:.2f} instead of {gap.before:.2f}"
+            f"{self.effect} {outcome}: {judged} miss by {gap.after:.2f} instead of {gap.before:.2f}"
             f" {floor} ({better}); {likelier}"
         )
 
     def plain(self) -> dict[str, Any]:
         """Return its parts of finding.json."""
-        return {"gap": asdict(self.gap), "proof": asdict(self) | {"sentence": self.sentence}}
+        gap = asdict(self.gap) if self.gap else dict.fromkeys(item.name for item in fields(Gap))
+        return {"gap": gap, "proof": asdict(self) | {"sentence": self.sentence}}
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,6 +250,43 @@ def prove(
     likelier = sum(each.evidences[-1] - each.evidences[0] for each in runs_judged)
     regions = _joined(regions_of(runs))
     stepped = [_one_step(nominal, judged, number, model) for number, model in enumerate(models)]
+    lengths = [len(half.blocks.packed) for half in judged]
+    step_gap = gap_of(*_pair(stepped), lengths, seed)
+    rows = scores("one_step", names(nominal.row_names), regions, *_pair(stepped))
+    rolled = _rolled(nominal, judged, models, regions, seed) if nominal.places is None else NO_TURN
+    return Proof(
+        "" if candidate is None else candidate.hypothesis.label,
+        better(rolled.gap, step_gap, likelier),
+        rolled.gap,
+        step_gap,
+        likelier if candidate else None,
+        (*rows, *rolled.rows),
+        tuple(_strength(half, number % 2) for number, half in enumerate(judged)),
+        *rolled.pictures,
+        all(run.encoders for run in runs),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Rolled:
+    """What rollouts of five seconds tell of some models."""
+
+    gap: Gap | None
+    rows: tuple[RowScore, ...]
+    pictures: tuple[SignalSeries | None, SignalSeries | None]
+
+
+NO_TURN = Rolled(None, (), (None, None))
+"""What is told of rovers that turn, of which nothing is simulated ahead."""
+
+
+def _rolled(
+    nominal: Nominal,
+    judged: Sequence[Half],
+    models: Sequence[Model],
+    regions: dict[str, Tensor],
+    seed: int,
+) -> Rolled:
     windows = windows_of(nominal, judged)
     driven = [
         simulated(nominal, judged, windows, number, model, seed)
@@ -253,30 +295,17 @@ def prove(
     rolled = [
         compared(windows.measured, each.signals, each.changes, each.by_terrain) for each in driven
     ]
-
-    lengths = [len(half.blocks.packed) for half in judged]
     pieces = [PIECE * int((windows.half == number).sum()) for number in range(len(judged))]
-    step_gap, gap = gap_of(*_pair(stepped), lengths, seed), gap_of(*_pair(rolled), pieces, seed)
-    seconds = _seconds(windows, lengths)
+    seconds = _seconds(windows, [len(half.blocks.packed) for half in judged])
     axles = nominal.rover.axles
-    rows = scores("one_step", names(axles), regions, *_pair(stepped))
-    rows += scores(
+    rows = scores(
         "rollout",
         signal_names(axles),
         {name: here[seconds] for name, here in regions.items()},
         *_pair(rolled),
     )
-    return Proof(
-        "" if candidate is None else candidate.hypothesis.label,
-        better(gap, step_gap, likelier),
-        gap,
-        step_gap,
-        likelier if candidate else None,
-        tuple(rows),
-        tuple(_strength(half, number % 2) for number, half in enumerate(judged)),
-        *_pictures(axles, judged, windows, driven, rolled[0]),
-        all(run.encoders for run in runs),
-    )
+    gap = gap_of(*_pair(rolled), pieces, seed)
+    return Rolled(gap, tuple(rows), _pictures(axles, judged, windows, driven, rolled[0]))
 
 
 def models_of(candidate: Candidate | None) -> tuple[Model, ...]:
@@ -289,33 +318,40 @@ def models_of(candidate: Candidate | None) -> tuple[Model, ...]:
     return models
 
 
-def better(gap: Gap, step_gap: Gap, likelier: float) -> bool:
+def better(gap: Gap | None, step_gap: Gap, likelier: float) -> bool:
     """Apply the rule to rollouts, predictions of one second, and the log Bayes factor [nat].
 
     Rollouts that get worse contradict an effect where they then miss by more than what the model
-    with it expects of its own error: beyond chance, or MOST_ABOVE.
+    with it expects of its own error: beyond chance, or MOST_ABOVE. ``gap`` is None where nothing
+    was simulated ahead: then the others decide alone.
     """
-    rollouts, ahead = gap.improvement_95, step_gap.nll_improvement_95
+    ahead = step_gap.nll_improvement_95
+    rollouts = None if gap is None else gap.improvement_95
     helps = any(ends is not None and ends[0] > 0.0 for ends in (rollouts, ahead))
-    expected = (
-        gap.after is not None
-        and gap.after <= MOST_ABOVE * gap.noise_floor
-        and gap.above_floor_95 is not None
-        and gap.above_floor_95[0] <= 0.0
-    )
-    harms = rollouts is not None and rollouts[1] <= 0.0 and not expected
+    harms = gap is not None and rollouts is not None and rollouts[1] <= 0.0 and not _expected(gap)
     harms = harms or (ahead is not None and ahead[1] <= 0.0)
     most = most_closed(gap, step_gap)
     closes = most is None or most >= LEAST_CLOSED
     return (likelier >= LIKELIER or helps) and closes and not harms
 
 
-def most_closed(gap: Gap, step_gap: Gap) -> float | None:
+def _expected(gap: Gap) -> bool:
+    """Return whether rollouts miss by no more than what the model with the effect expects."""
+    return (
+        gap.after is not None
+        and gap.after <= MOST_ABOVE * gap.noise_floor
+        and gap.above_floor_95 is not None
+        and gap.above_floor_95[0] <= 0.0
+    )
+
+
+def most_closed(gap: Gap | None, step_gap: Gap) -> float | None:
     """Return the share of the gap that an effect closes at most, by 95 % intervals.
 
     None where chance alone may have made both gaps.
     """
-    known = [each.closed_95[1] for each in (gap, step_gap) if each.closed_95 is not None]
+    both = (gap, step_gap)
+    known = [each.closed_95[1] for each in both if each is not None and each.closed_95 is not None]
     return max(known, default=None)
 
 
@@ -331,7 +367,7 @@ def settled(finding: Finding, proof: Proof | None) -> Finding:
     if proof is None:
         return finding
     clear = judgement.verdict in (Verdict.NONE, Verdict.SOIL)
-    if clear and proof.encoders and proof.gap.far_off:
+    if clear and proof.encoders and proof.gap is not None and proof.gap.far_off:
         sure = str(judgement.verdict)
         others = {name: p for name, p in judgement.probabilities.items() if name != sure}
         rest = sum(p for name, p in others.items() if name != "unknown")

@@ -66,8 +66,10 @@ def prove_soil(
     likelier = [
         _log_evidence(nominal, candidate, runs, each_run) for nominal in (told, study.nominal)
     ]
-    before = prove(told, None, runs, seed, contributions).gap.before
-    return SoilProof(before, proof.gap.before, proof.gap.noise_floor, likelier[1] - likelier[0])
+    before, after = prove(told, None, runs, seed, contributions).gap, proof.gap
+    assert before is not None
+    assert after is not None  # no soil is revised for rovers that turn
+    return SoilProof(before.before, after.before, after.noise_floor, likelier[1] - likelier[0])
 
 
 def _log_evidence(

@@ -61,6 +61,8 @@ def diagnose(
     around = there.nothing if clear else finding.best
     apart = isolability(there, hypotheses, around)
     progress(0.97, "what to drive next")
+    if study.nominal.places is not None:  # no manoeuvre of a rover that turns is simulated
+        return Diagnosis(found, apart, ())
     doubtful = in_doubt(finding, hypotheses, apart)[:MOST]
     return Diagnosis(
         found,
