@@ -34,6 +34,7 @@ from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import read_thresholds
 from terrain_estimator.discovery.hypotheses.library import Hypothesis, singles
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
+from terrain_estimator.discovery.proof.on_request import or_on_request
 from terrain_estimator.discovery.proof.soil_proof import Proven, proven_or_told
 from terrain_estimator.discovery.report.diagnosis import Diagnosis, diagnose
 from terrain_estimator.discovery.report.finding import part_of
@@ -197,7 +198,12 @@ def _answer(
     as_told = partial(investigate_as_told, *searched, part_of(report.at, 0.9, 0.95))
     kept = held_out.blocks, options.seed, held_out.contributions
     finding, outcome = proven_or_told(finding, study, as_told, *kept)
-    return outcome, diagnose(study, hypotheses, finding, report.at)
+    if not options.library:
+        last = part_of(report.at, 0.9, 0.95)
+        finding, outcome = or_on_request(finding, outcome, study, searched[2], last, *kept)
+    named = [each.hypothesis for each in finding.candidates if len(each.hypothesis.effects) == 1]
+    considered = [*hypotheses, *(each for each in named if each not in hypotheses)]
+    return outcome, diagnose(study, considered, finding, report.at)
 
 
 def _model_note(rover: Rover, base: str) -> str:

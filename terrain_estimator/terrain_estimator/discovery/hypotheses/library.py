@@ -38,7 +38,10 @@ TYPICAL = {
 }
 """Sizes at which the named effects spoil the estimate of the ground on the Mars-like rover."""
 ON_REQUEST = frozenset({"contact_law_scm"})
-"""Effects that are candidates only where they are named: their false names were not measured."""
+"""Effects that are no candidates beside the others: they are named, or tried where all else fails.
+
+They make a search slow; see ``proof.on_request``.
+"""
 SOIL_LAWS = ("bulldozing", "grousers", "slip_sinkage", "multipass", "rate_dependence", "exit_angle")
 """Effects whose law of slip, sinkage or speed is an author's: others have other sizes."""
 OTHER_SOIL_LAW, OTHER_LAW = 0.2, 0.05
