@@ -139,14 +139,14 @@ def _told(
     ]
     gap = proof.gap if proof and proof.gap.after is not None else None
     step = proof.one_step_gap if proof else None
-    return Searched(
+    return Searched(  # type: ignore[call-arg]
         group,
         library,
         str(finding.judgement.verdict),
         sizes,
         tuple(name.split("_")[1] for name in drives),
         truth,
-        *grounds,
+        *grounds,  # type: ignore[arg-type]
         (gap.before, float(gap.after or 0.0), gap.noise_floor) if gap else None,
         (float(gap.closed), *gap.closed_95) if gap and gap.closed and gap.closed_95 else None,
         (step.before, float(step.after)) if step and step.after is not None else None,

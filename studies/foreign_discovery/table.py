@@ -43,8 +43,27 @@ SIGNALS = """
 Rollouts of the held-out drive, root mean square errors.
 
 """
-_NAMES = ("soil, law", "candidates", "verdict", "best name", "rollouts: before, after, floor")
-_NAMES += ("closed", "next second: before, after", "time [s]")
+_NAMES = (
+    "soil, law",
+    "candidates",
+    "verdict",
+    "best name",
+    "rollouts: before, after, floor",
+    "closed",
+    "next second: before, after",
+    "time [s]",
+)
+_GROUND = (
+    "soil, law",
+    "candidates",
+    "drive",
+    "c [Pa]: truth",
+    "before",
+    "after",
+    "tan phi: truth",
+    "before",
+    "after",
+)
 
 
 def page(every: Sequence[Searched], measured: str, seed: int) -> str:
@@ -52,17 +71,17 @@ def page(every: Sequence[Searched], measured: str, seed: int) -> str:
     said = {"measured": measured, "seed": seed, "held_out": HELD_OUT, "law": LAW}
     parts = [licence("foreign-discovery"), INTRODUCTION.format(**said)]
     parts += [table(_NAMES, map(_name, every)), NAMES]
-    ground = ("soil, law", "candidates", "drive", "c [Pa]: truth", "before", "after")
-    ground += ("tan phi: truth", "before", "after")
-    parts += [table(ground, (line for each in every for line in _grounds(each))), SIGNALS]
+    parts += [table(_GROUND, (line for each in every for line in _grounds(each))), SIGNALS]
     head = ("soil, law", "signal", "unit", "before", "after", "floor", "closed")
     parts.append(table(head, (line for each in every for line in _signals(each))))
     return "".join(parts)
 
 
 def _name(found: Searched) -> Sequence[str]:
-    closed = "{:.0f} % ({:.0f} to {:.0f})".format(*(100.0 * each for each in found.closed or ()))\
-        if found.closed else "-"  # fmt: skip
+    closed = "-"
+    if found.closed is not None:
+        share, low, high = (100.0 * each for each in found.closed)
+        closed = f"{share:.0f} % ({low:.0f} to {high:.0f})"
     rollout = ", ".join(f"{each:.1f}" for each in found.rollout or ()) or "-"
     ahead = ", ".join(f"{each:.1f}" for each in found.ahead or ()) or "-"
     return (

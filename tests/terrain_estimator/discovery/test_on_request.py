@@ -21,7 +21,7 @@ from terrain_estimator.discovery.report.investigation import investigate_as_told
 from terrain_estimator.discovery.runs import Blocks, Refusals, cut, run_of
 from terramechanics.presets import load_rover, load_soil
 
-SEEN, HELD_OUT, SECONDS = ("A_cruise_scm", "A_sines_scm"), "A_slopes_scm", 12
+SEEN, HELD_OUT = ("A_cruise_scm", "A_sines_scm"), "A_slopes_scm"
 NOMINAL = nominal_of(load_rover("mars_rover"), load_soil("loose_sand"))
 
 
@@ -29,9 +29,9 @@ def silent(share: float, note: str) -> None:
     del share, note
 
 
-def run(name: str) -> Blocks:
+def run(name: str, seconds: int) -> Blocks:
     log = read_log(name)
-    observations = observations_of(measured_columns(log, 0), log.rover)[: 10 * SECONDS]
+    observations = observations_of(measured_columns(log, 0), log.rover)[: 10 * seconds]
     found = run_of(name, observations, log.rover, CoreConfig(), Refusals())
     return cut(found, NOMINAL.contact)
 
@@ -39,8 +39,8 @@ def run(name: str) -> Blocks:
 @cache
 def searched() -> tuple[Study, Finding, Proven, list[Blocks]]:
     """Return a search of foreign drives for an effect that they do not have."""
-    unseen = [run(HELD_OUT)]
-    study = Study(NOMINAL, [run(name) for name in SEEN])
+    unseen = [run(HELD_OUT, 20)]
+    study = Study(NOMINAL, [run(name, 10) for name in SEEN])
     hypotheses = singles(("slope_bias",))
     finding = investigate_as_told(study, hypotheses, read_thresholds(), silent, 0.0)
     return study, finding, proven(finding, study, unseen), unseen
