@@ -32,7 +32,7 @@ from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import read_thresholds
-from terrain_estimator.discovery.hypotheses.library import Hypothesis, singles
+from terrain_estimator.discovery.hypotheses.library import ON_REQUEST, Hypothesis, singles
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
 from terrain_estimator.discovery.proof.on_request import or_on_request
 from terrain_estimator.discovery.proof.soil_proof import Proven, proven_or_told
@@ -263,7 +263,8 @@ def search_parser(name: str = "find_missing_effect") -> argparse.ArgumentParser:
         help="soils, or paths of soil files, on which the runs may be instead of --soil; nothing"
         f" after it: none (default: {' '.join(soil_names())})",
     )
-    add_search_options(parser, "all that a planar rover shows", "held-out choice")
+    shown = f"all that a planar rover shows; {', '.join(sorted(ON_REQUEST))} where they leave it unknown"
+    add_search_options(parser, shown, "held-out choice")
     parser.add_argument(
         TAKE_DAMAGED,
         action="store_true",
