@@ -263,7 +263,8 @@ def search_parser(name: str = "find_missing_effect") -> argparse.ArgumentParser:
         help="soils, or paths of soil files, on which the runs may be instead of --soil; nothing"
         f" after it: none (default: {' '.join(soil_names())})",
     )
-    shown = f"all that a planar rover shows; {', '.join(sorted(ON_REQUEST))} where they leave it unknown"
+    last = ", ".join(sorted(ON_REQUEST))
+    shown = f"all that a planar rover shows; {last} only where they end unknown"
     add_search_options(parser, shown, "held-out choice")
     parser.add_argument(
         TAKE_DAMAGED,
