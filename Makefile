@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test test-long colcon-test first-use lint train accuracy long change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag foreign-turns robustness measured names independent-reference lateral off-plane by-wheel sensors pages docs pictures measures sbom audit workspace environment clean
+.PHONY: help demo discover test test-long colcon-test first-use lint train accuracy long change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag foreign-discovery foreign-turns robustness measured names independent-reference lateral off-plane by-wheel sensors pages docs pictures measures sbom audit workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -54,6 +54,9 @@ stream: workspace  ## judge what the estimator publishes with default parameters
 
 foreign: workspace  ## judge the estimator on drives of another engine, 20 minutes of one core: docs/foreign.md
 	ros2_ws/with python -m studies.foreign $(ARGS)
+
+foreign-discovery: workspace  ## search for the missing effect of those drives, 15 minutes of one core: docs/foreign_discovery.md
+	ros2_ws/with python -m studies.foreign_discovery --jobs 1 $(ARGS)
 
 foreign-turns: workspace  ## judge models by wheel on another engine's turns, for docs/lateral.md, 20 minutes of one core
 	ros2_ws/with python -m studies.foreign.turns $(ARGS)

@@ -43,6 +43,7 @@ _FOLDERS = {
     "demo": (f"{_OURS}/cli", _NODES, "rover_sim_node/rover_sim_node"),
     "soak": ("benchmarks/soak", _NODES),
     "foreign": ("studies/foreign",),
+    "foreign-discovery": ("studies/foreign_discovery",),
     "robustness": ("studies/robustness",),
     "measured": ("studies/measured",),
     "names": ("studies/false_names",),

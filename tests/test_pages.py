@@ -11,6 +11,7 @@ import benchmarks.page as benchmarks
 import benchmarks.soak.page as soak
 import studies.accuracy.table as accuracy
 import studies.change.table as change
+import studies.foreign_discovery.table as foreign_effect
 import studies.independent_reference.table as independent
 import studies.long.table as long_drives
 import studies.measured.table as wheels
@@ -37,6 +38,7 @@ PROSE = (
     *(("recursion", text) for text in (recursion.INTRODUCTION, recursion.LEGEND, recursion.WHY)),
     *(("benchmarks", text) for text in (benchmarks.HEAD, benchmarks.AFTER)),
     *(("faults", text) for text in (faults.MATRIX, million.SECTION, soak.SECTION, fuzz.SECTION)),
+    *(("foreign_discovery", text) for text in (foreign_effect.INTRODUCTION, foreign_effect.NAMES)),
     *(("hidden", text) for text in (hidden.INTRODUCTION, hidden.VERDICTS)),
 )
 """Pages, and texts of their commands with fields for what was measured."""
@@ -66,6 +68,7 @@ WRITTEN = (
     "benchmarks",
     "change",
     "faults",
+    "foreign_discovery",
     "hidden",
     "independent_reference",
     "long_drives",

@@ -34,11 +34,13 @@ from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import read_thresholds
 from terrain_estimator.discovery.hypotheses.library import (
     NOT_BY_WHEEL,
+    ON_REQUEST,
     Hypothesis,
     singles,
     singles_by_wheel,
 )
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
+from terrain_estimator.discovery.proof.on_request import or_on_request
 from terrain_estimator.discovery.proof.soil_proof import Proven, proven_or_told
 from terrain_estimator.discovery.report.diagnosis import Diagnosis, diagnose
 from terrain_estimator.discovery.report.finding import part_of
@@ -209,7 +211,12 @@ def _answer(
     as_told = partial(investigate_as_told, *searched, part_of(report.at, 0.9, 0.95))
     kept = held_out.blocks, options.seed, held_out.contributions
     finding, outcome = proven_or_told(finding, study, as_told, *kept)
-    return outcome, diagnose(study, hypotheses, finding, report.at)
+    if not options.library and study.nominal.places is None:  # by wheel these have no columns
+        last = part_of(report.at, 0.9, 0.95)
+        finding, outcome = or_on_request(finding, outcome, study, searched[2], last, *kept)
+    named = [each.hypothesis for each in finding.candidates if len(each.hypothesis.effects) == 1]
+    considered = [*hypotheses, *(each for each in named if each not in hypotheses)]
+    return outcome, diagnose(study, considered, finding, report.at)
 
 
 def _by_wheel(options: argparse.Namespace) -> list[Hypothesis]:
@@ -286,7 +293,9 @@ def search_parser(name: str = "find_missing_effect") -> argparse.ArgumentParser:
         help="soils, or paths of soil files, on which the runs may be instead of --soil; nothing"
         f" after it: none (default: {' '.join(soil_names())})",
     )
-    add_search_options(parser, "all that a planar rover shows", "held-out choice")
+    last = ", ".join(sorted(ON_REQUEST))
+    shown = f"all that a planar rover shows; {last} only where they end unknown"
+    add_search_options(parser, shown, "held-out choice")
     parser.add_argument(
         TAKE_DAMAGED,
         action="store_true",

@@ -7,8 +7,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from terrain_estimator.discovery.evidence.verdict import Verdict
-from terrain_estimator.discovery.hypotheses.library import Hypothesis
+from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
+from terrain_estimator.discovery.hypotheses.library import ON_REQUEST, Hypothesis
 from terrain_estimator.discovery.proof.gap import Gap
 from terrain_estimator.discovery.proof.soil_proof import Proven
 from terrain_estimator.discovery.report.diagnosis import Diagnosis
@@ -19,6 +19,7 @@ from terrain_estimator.offline.revised_soils import refuted_content, soils_conte
 from terrain_estimator.pages.finding_words import (
     doubt_note,
     ground_words,
+    not_tried_words,
     soil_words,
     unseen_words,
 )
@@ -42,6 +43,7 @@ def finding_content(
             entry for hypothesis in judgement.named for entry in _effects(finding, hypothesis)
         ],
         "confusable_with": [each.label for each in judgement.named[1:]],
+        "not_tried": not_tried(judgement, diagnosis),
         "separate_by": diagnosis.separate_by(judgement),
         "left": [
             {
@@ -68,6 +70,14 @@ def finding_content(
         "runs": [each.name for each in blocks],
         "held_out": [each.name for each in unseen],
     }
+
+
+def not_tried(judgement: Judgement, diagnosis: Diagnosis) -> list[str]:
+    """Return the effects that only ``--library`` tries, where the verdict is unknown without."""
+    if judgement.verdict is not Verdict.UNKNOWN:
+        return []
+    tried = {part for name in judgement.probabilities for part in name.split(" + ")}
+    return sorted(ON_REQUEST - tried - set(diagnosis.isolability.not_testable))
 
 
 def _soil_proof(outcome: Proven) -> dict[str, Any] | None:
@@ -99,6 +109,7 @@ def finding_sentence(outcome: Proven, diagnosis: Diagnosis) -> str:
     unproven = "no run is held out: the finding is unproven, give a third run or --hold-out"
     lines = [
         _verdict(outcome, diagnosis),
+        not_tried_words(not_tried(outcome.finding.judgement, diagnosis)),
         *map(soil_words, [*soils_content(outcome), *refuted_content(outcome)]),
         outcome.proof.sentence if outcome.proof else unproven,
         outcome.soil_sentence,

@@ -207,6 +207,12 @@ def unseen_words(error: float, floor: float) -> str:
     )
 
 
+def not_tried_words(names: Sequence[str]) -> str:
+    """Return in one line how to try effects that were no candidates; empty for none."""
+    told = (f"--library {name} tries one more: {EFFECTS[name].sentence}" for name in names)
+    return " ".join(told)
+
+
 def _unknown(finding: Mapping[str, Any]) -> tuple[str, Markup]:
     if not finding["effects"] and (gap := finding.get("gap") or {}).get("before"):
         said = unseen_words(gap["before"], gap["noise_floor"]).removeprefix("unknown: ")
@@ -230,6 +236,8 @@ def _unknown(finding: Mapping[str, Any]) -> tuple[str, Markup]:
         sentence += Markup(" What remains depends most on {} in the {} row.").format(
             each["signal"], each["row"]
         )
+    if more := not_tried_words(finding.get("not_tried") or ()):
+        sentence += Markup(" {}").format(more)
     return "Something is missing that no considered effect explains", sentence
 
 

@@ -67,6 +67,8 @@ def test_an_unknown_verdict_names_the_dependence_and_a_name_that_held_out_runs_r
         "The closest is slope_bias. What remains depends most on distance in the velocity row."
         in report("unknown")
     )
+    more = finding("unknown") | {"not_tried": ["contact_law_scm"]}
+    assert "--library contact_law_scm tries one more: The ground follows" in finding_page(more)
     refuted = finding("unknown")
     refuted["proof"] = {
         "effect": "slope_bias",

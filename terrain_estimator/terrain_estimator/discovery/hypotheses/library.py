@@ -50,7 +50,10 @@ NOT_BY_WHEEL = {
 }
 """Effects without a column by wheel, and why."""
 ON_REQUEST = frozenset({"contact_law_scm"})
-"""Effects that are candidates only where they are named: their false names were not measured."""
+"""Effects that are no candidates beside the others: they are named, or tried where all else fails.
+
+They make a search slow; see ``proof.on_request``.
+"""
 SOIL_LAWS = (
     "bulldozing", "grousers", "slip_sinkage", "multipass", "rate_dependence", "exit_angle",
     "lateral_bulldozing",
