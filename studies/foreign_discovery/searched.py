@@ -137,7 +137,7 @@ def _told(
         tuple((1e3 * float(run.theta[0]), float(run.theta[1])) for run in candidate.fit.point.runs)
         for candidate in (finding.nothing, finding.best)
     ]
-    gap = proof.gap if proof and proof.gap.after is not None else None
+    gap = proof.gap if proof and proof.gap and proof.gap.after is not None else None
     step = proof.one_step_gap if proof else None
     return Searched(  # type: ignore[call-arg]
         group,
