@@ -31,10 +31,10 @@ Drives = Mapping[str, Sequence[Observation]]
 """A measured reference drive for each soil, by its name."""
 
 
-class Told(NamedTuple):
-    """What the reference drives told of tan phi."""
+class SensorBounds(NamedTuple):
+    """Bounds of tan phi after the reference drives."""
 
-    bounds: dict[str, float]  # [prior deviations] by soil; inf: the data told nothing
+    bounds: dict[str, float]  # [prior deviations] by soil; inf: the data add nothing
     seconds: float  # [s] length of a drive
 
     @property
@@ -48,7 +48,7 @@ class Told(NamedTuple):
         return max(self.bounds.values(), default=math.nan)
 
 
-def told_by(model: LoadedModel, config: EstimatorConfig, drives: Drives) -> Told:
+def bounds_of(model: LoadedModel, config: EstimatorConfig, drives: Drives) -> SensorBounds:
     """Return what the configured sensors tell on the soils that the model knows.
 
     A drive ends where the bound is small enough: data add information.
@@ -71,7 +71,7 @@ def told_by(model: LoadedModel, config: EstimatorConfig, drives: Drives) -> Told
             estimator = Estimator(model, dataclasses.replace(plain, prior_soil=soil))
             measured = [_with_noise(each, config.conversion) for each in drives[soil]]
             bounds[soil], length = _bound(estimator, model, measured), len(measured)
-    return Told(bounds, length * model.metadata.step_s)
+    return SensorBounds(bounds, length * model.metadata.step_s)
 
 
 def _bound(estimator: Estimator, model: LoadedModel, drive: Sequence[Observation]) -> float:
@@ -81,7 +81,7 @@ def _bound(estimator: Estimator, model: LoadedModel, drive: Sequence[Observation
         update = estimator.update(observation)
         if index % model.metadata.block == 0:
             share = float(update.estimate.covariance[1][1]) / prior**2  # of the prior's variance
-            # rounding may leave a share just off 1 where nothing was told
+            # rounding may leave a share just off 1 where the data add nothing
             bound = (1.0 / share - 1.0) ** -0.5 if 0.0 < share < 1.0 - 1e-9 else math.inf
             if bound <= LARGEST_BOUND:
                 break
@@ -105,19 +105,19 @@ def _with_noise(observation: Observation, config: ConversionConfig) -> Observati
     )
 
 
-def doubt_of(told: Told, config: EstimatorConfig) -> str:
+def doubt_of(sensors: SensorBounds, config: EstimatorConfig) -> str:
     """Return a warning where the sensors tell too little on some soils; empty where on none.
 
     Raises ConfigError where they do on every soil.
     """
-    if not told.poor:
+    if not sensors.poor:
         return ""
-    numbers = ", ".join(f"{_number(told.bounds[soil])} on {soil}" for soil in told.poor)
+    numbers = ", ".join(f"{_number(sensors.bounds[soil])} on {soil}" for soil in sensors.poor)
     found = (
-        f"in a reference drive of {told.seconds:g} s the bound of tan phi, at most"
+        f"in a reference drive of {sensors.seconds:g} s the bound of tan phi, at most"
         f" {LARGEST_BOUND:g} of the prior's deviation, is {numbers}; {_named(config)}"
     )
-    if len(told.poor) == len(told.bounds):
+    if len(sensors.poor) == len(sensors.bounds):
         raise ConfigError(
             f"these sensors leave the ground to the prior: {found}: switch a sensor on, or state"
             " less noise where a sensor has less"

@@ -23,7 +23,7 @@ NOT_ONLINE = {
 }
 """Effects that cannot be estimated online: the reason, and what to do instead."""
 
-NOT_BY_WHEEL = {
+NOT_ONLINE_BY_WHEEL = {
     "multipass": "which wheels rolled over the same ground before is not known in a turn",
     "payload": "its models have one mass: give the loaded mass in the rover file instead",
     "grousers": (
@@ -40,4 +40,4 @@ def not_estimated(*, by_wheel: bool) -> dict[str, str]:
     """Return the effects that models by axle or by wheel cannot estimate, and why."""
     if not by_wheel:
         return NOT_ONLINE
-    return {name: why for name, why in NOT_ONLINE.items() if name != ASIDE} | NOT_BY_WHEEL
+    return {name: why for name, why in NOT_ONLINE.items() if name != ASIDE} | NOT_ONLINE_BY_WHEEL

@@ -18,7 +18,7 @@ import numpy as np
 from rover_parameters.regular_file import read_regular
 from terrain_estimator.compiled.finding import core_folders
 from terrain_estimator.config.estimator import EstimatorConfig
-from terrain_estimator.estimator.sensor_information import Drives, Told, doubt_of, told_by
+from terrain_estimator.estimator.sensor_information import Drives, SensorBounds, bounds_of, doubt_of
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.metadata import MODELS, Metadata, ModelFileError, model_path
 from terrain_estimator.observation import AXLE_FIELDS, OFF_PLANE, SCALAR_FIELDS, Observation
@@ -31,24 +31,26 @@ _FIELDS = (*AXLE_FIELDS, *(name for name in SCALAR_FIELDS if name not in OFF_PLA
 _LARGEST = 1 << 24  # bytes
 
 
-def judge_sensors(model: LoadedModel, config: EstimatorConfig) -> tuple[Told, str]:
+def judge_sensors(model: LoadedModel, config: EstimatorConfig) -> tuple[SensorBounds, str]:
     """Return what a configuration's sensors tell, and a warning where that is too little.
 
-    Nothing is told, nor warned of, where the model's rover has no reference drive.
+    There are no bounds, and no warning, where the model's rover has no reference drive.
 
     Raises:
         ConfigError: it is too little on every soil.
         ModelFileError: the file of the drives is damaged.
     """
     drives = reference_drives(model_path(config.model), model.metadata)
-    told = told_by(model, config, drives)
-    return told, doubt_of(told, config)
+    bounds = bounds_of(model, config, drives)
+    return bounds, doubt_of(bounds, config)
 
 
 def write_drives(path: Path, rover: Rover, soils: dict[str, Soil], drives: Drives) -> None:
     """Write the drives of a rover on some soils, in single precision. Raises OSError."""
-    told = {"rover": _told(rover)} | {f"{name}/soil": _told(soil) for name, soil in soils.items()}
-    arrays: dict[str, Any] = {name: np.array(each) for name, each in told.items()}
+    texts = {"rover": _as_text(rover)} | {
+        f"{name}/soil": _as_text(soil) for name, soil in soils.items()
+    }
+    arrays: dict[str, Any] = {name: np.array(each) for name, each in texts.items()}
     for soil, drive in drives.items():
         arrays[f"{soil}/stamp_ns"] = np.array([each.stamp_ns for each in drive])
         for name in _FIELDS:
@@ -79,12 +81,12 @@ def _read(path: Path, metadata: Metadata) -> Drives:
     try:
         with np.load(io.BytesIO(read_regular(path, _LARGEST)), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-        if str(arrays["rover"]) != _told(metadata.rover):
+        if str(arrays["rover"]) != _as_text(metadata.rover):
             return {}
         return {
             soil.name: _drive(arrays, soil.name)
             for soil in metadata.soils
-            if str(arrays.get(f"{soil.name}/soil", "")) == _told(soil)
+            if str(arrays.get(f"{soil.name}/soil", "")) == _as_text(soil)
         }
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise ModelFileError(f"{path}: {error}: install the package anew") from error
@@ -101,6 +103,6 @@ def _drive(arrays: dict[str, Any], soil: str) -> list[Observation]:
     return drive
 
 
-def _told(record: Rover | Soil) -> str:
+def _as_text(record: Rover | Soil) -> str:
     """Return a rover or soil as text, by which a drive's is recognised."""
     return json.dumps(dataclasses.asdict(record), sort_keys=True)

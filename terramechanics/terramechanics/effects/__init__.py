@@ -9,7 +9,16 @@ from functools import partial
 import torch
 
 from rover_parameters.records import ConfigError
-from terramechanics.effects import contact, lugs, sensing, soil, vehicle
+from terramechanics.effects import (
+    contact,
+    depth,
+    loaded_lugs,
+    lugs,
+    sensing,
+    soil,
+    vehicle,
+    wedges,
+)
 from terramechanics.effects.law import Law
 from terramechanics.effects.simulated import SimulatedEffect
 from terramechanics.simulation.plant import Size
@@ -97,6 +106,22 @@ EFFECTS = {
             rows=("velocity", "acceleration", "load", "drawbar_pull"),
             source="Bekker 1969; Gee-Clough 1976: resistance from z to z^2",
             law=soil.Bulldozing,
+            competing=(
+                Competing(
+                    name="hegedus_wedge",
+                    unit="1",
+                    high=2.0,
+                    source="Hegedus 1960; Ishigami et al. 2007: passive pressure on a blade",
+                    law=wedges.HegedusWedge,
+                ),
+                Competing(
+                    name="bekker_wedge",
+                    unit="1",
+                    high=2.0,
+                    source="Bekker 1969, Terzaghi 1943: general shear failure ahead of a wheel",
+                    law=wedges.BekkerWedge,
+                ),
+            ),
         ),
         Description(
             name="drive_drag",
@@ -167,6 +192,20 @@ EFFECTS = {
                     source="Bekker 1969, Terzaghi 1943: passive earth pressure of lugs in the soil",
                     law=lugs.PassivePressure,
                 ),
+                Competing(
+                    name="lug_sides",
+                    unit="m",
+                    high=0.05,
+                    source="Micklethwait 1944, Bekker 1969: shear along the sides of lugs",
+                    law=loaded_lugs.LugSides,
+                ),
+                Competing(
+                    name="spaced_lugs",
+                    unit="1",
+                    high=0.5,
+                    source="Terzaghi 1943, Wong 2008: passive pressure of each lug below the load",
+                    law=loaded_lugs.SpacedLugs,
+                ),
             ),
         ),
         Description(
@@ -189,6 +228,13 @@ EFFECTS = {
                     high=4.0,
                     source="Lyasko 2010: z = z0 (1 + s) / (1 - 0.5 s)",
                     law=soil.SinkageFactor,
+                ),
+                Competing(
+                    name="sinkage_growth",
+                    unit="1",
+                    high=4.0,
+                    source="Lyasko 2010, linear form as in Lines 2021: z = z0 (1 + S s)",
+                    law=depth.SinkageGrowth,
                 ),
             ),
         ),
@@ -280,6 +326,15 @@ EFFECTS = {
             rows=(*EVERY_ROW, "drawbar_pull", "sinkage"),
             source="Ishigami, Miwa, Nagatani and Yoshida 2007: theta_r = acos(1 - lambda z / r)",
             law=soil.ExitAngle,
+            competing=(
+                Competing(
+                    name="exit_by_entry",
+                    unit="1",
+                    high=1.0,
+                    source="Pavlov and Johnson (3d-terramechanics): theta_r = theta_f (b0 + b1 s)",
+                    law=depth.ExitByEntry,
+                ),
+            ),
         ),
         Description(
             name="contact_law_scm",
@@ -306,6 +361,15 @@ EFFECTS = {
             source="Hegedus 1960; Ishigami, Miwa, Nagatani and Yoshida 2007",
             law=soil.LateralBulldozing,
             planar=False,
+            competing=(
+                Competing(
+                    name="hegedus_side",
+                    unit="1",
+                    high=2.0,
+                    source="Hegedus 1960; Ishigami et al. 2007, with cohesion",
+                    law=wedges.HegedusSide,
+                ),
+            ),
         ),
     )
 }

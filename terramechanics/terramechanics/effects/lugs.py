@@ -9,6 +9,7 @@ from torch import Tensor
 
 from terramechanics.contact.stresses import entry_angle, quadrature, wheel_forces
 from terramechanics.effects.law import AddedForce, ExtraValue, Law
+from terramechanics.effects.wedges import passive_root
 from terramechanics.simulation.plant import ContactInputs
 from terramechanics.vehicle.rover import Rover
 
@@ -85,9 +86,7 @@ class PassivePressure(Law):
 
     def added_force(self, inputs: ContactInputs, values: Tensor) -> AddedForce | None:
         """Return thrust and torque of the lugs; ``values[:, 0]`` in [Pa]."""
-        tan_phi = inputs.strength[..., 1].clamp(min=0.0)
-        # tan(45 deg + phi / 2) = tan phi + sqrt(1 + tan^2 phi)
-        passive = (tan_phi + torch.sqrt(1.0 + tan_phi**2)) ** 2 / USUAL
+        passive = passive_root(inputs.strength[..., 1]) ** 2 / USUAL
         area = self.width * self.radius * entry_angle(inputs.sinkage, self.radius)
         share = -torch.expm1(-inputs.slip.abs() / (self.mobilised * torch.exp(values[:, 1:])))
         thrust = values[:, :1] * passive * area * torch.sign(inputs.slip) * share

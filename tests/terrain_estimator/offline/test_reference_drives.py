@@ -12,7 +12,7 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.cli import replay
 from terrain_estimator.compiled.finding import load
 from terrain_estimator.config.estimator import ConversionConfig, CoreConfig, EstimatorConfig
-from terrain_estimator.estimator.sensor_information import LARGEST_BOUND, doubt_of, told_by
+from terrain_estimator.estimator.sensor_information import LARGEST_BOUND, bounds_of, doubt_of
 from terrain_estimator.messaging.diagnostics import Level, judge_information
 from terrain_estimator.model.metadata import ModelFileError, model_path, read_metadata
 from terrain_estimator.offline.reference_drives import judge_sensors, reference_drives, write_drives
@@ -29,9 +29,9 @@ def test_what_ships_tells_tan_phi_on_every_soil_with_few_sensors_too(
     name: str, core: CoreConfig
 ) -> None:
     config = EstimatorConfig(model=name, core=core)
-    told, doubt = judge_sensors(load(name, "auto").model, config)
-    assert tuple(told.bounds) == SOILS
-    assert 0.0 < told.largest <= LARGEST_BOUND
+    found, doubt = judge_sensors(load(name, "auto").model, config)
+    assert tuple(found.bounds) == SOILS
+    assert 0.0 < found.largest <= LARGEST_BOUND
     assert doubt == ""
 
 
@@ -45,7 +45,7 @@ def test_the_same_rows_with_too_much_noise_are_refused_by_name_and_number() -> N
     for part in ("use_torque: false", "default_sd.velocity: 5", "0.8 of the prior's deviation"):
         assert part in said
     drives = reference_drives(model_path("paper_rover"), model.metadata)
-    assert min(told_by(model, config, drives).bounds.values()) > LARGEST_BOUND
+    assert min(bounds_of(model, config, drives).bounds.values()) > LARGEST_BOUND
 
 
 def test_sensors_that_are_poor_on_some_soils_alone_are_a_warning() -> None:
@@ -63,12 +63,12 @@ def test_sensors_that_are_poor_on_some_soils_alone_are_a_warning() -> None:
         )
         for each in drives["regolith"]
     ]
-    told = told_by(model, EstimatorConfig(), dict(drives) | {"regolith": standing})
-    assert told.poor == ["regolith"]
-    doubt = doubt_of(told, EstimatorConfig())
+    found = bounds_of(model, EstimatorConfig(), dict(drives) | {"regolith": standing})
+    assert found.poor == ["regolith"]
+    doubt = doubt_of(found, EstimatorConfig())
     assert "on some soils" in doubt
     assert "on regolith" in doubt
-    finding = judge_information(told.largest, told.bounds, doubt)
+    finding = judge_information(found.largest, found.bounds, doubt)
     assert (finding.level, finding.text) == (Level.WARN, doubt)
     assert [key for key, _ in finding.details] == [f"bound {soil}" for soil in SOILS]
 
@@ -76,8 +76,8 @@ def test_sensors_that_are_poor_on_some_soils_alone_are_a_warning() -> None:
 def test_site_knowledge_is_no_sensor() -> None:
     core = dataclasses.replace(LEAST, prior_tan_phi_mean=0.6, prior_tan_phi_sd=0.01)
     config = EstimatorConfig(core=dataclasses.replace(core, prior_soil="regolith"))
-    told, _ = judge_sensors(load("", "auto").model, config)
-    assert list(told.bounds) == ["regolith"]
+    found, _ = judge_sensors(load("", "auto").model, config)
+    assert list(found.bounds) == ["regolith"]
 
 
 def test_a_rover_without_a_drive_is_not_judged_and_a_damaged_file_is_named(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ import torch
 
 from terramechanics.contact.stresses import quadrature
 from terramechanics.effects import EFFECTS, Competing
-from terramechanics.effects.competing import competing_laws
 from terramechanics.effects.depth import ExitByEntry, SinkageGrowth
 from terramechanics.effects.law import AddedForce, Law
 from terramechanics.effects.loaded_lugs import LugSides, SpacedLugs
@@ -28,7 +27,7 @@ from terramechanics.simulation.plant import ContactInputs
 ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")
 RADIUS, WIDTH = ROVER.wheel_radius, ROVER.wheel_width
 COHESION = 800.0
-EVERY = [each for name in EFFECTS for each in competing_laws(name)]
+EVERY = [each for effect in EFFECTS.values() for each in effect.competing]
 STILL = torch.zeros(1, ROVER.axles, dtype=torch.float64)
 
 

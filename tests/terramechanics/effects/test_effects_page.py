@@ -8,7 +8,6 @@ import pytest
 
 from rover_parameters.records import ConfigError
 from terramechanics.effects import EFFECTS, Description, describe
-from terramechanics.effects.competing import competing_laws
 
 PAGE = Path(__file__).parents[3] / "docs" / "effects.md"
 
@@ -37,8 +36,8 @@ def test_the_table_of_competing_laws_is_that_of_the_registry() -> None:
     text = PAGE.read_text(encoding="utf-8")
     lines = text[text.index(head) :].split("\n\n")[0].splitlines()
     expected = []
-    for name in EFFECTS:
-        for law in competing_laws(name):
+    for name, effect in EFFECTS.items():
+        for law in effect.competing:
             unit = "" if law.unit == "1" else f" {law.unit}"
             size = f"0 to {law.high:g}{unit}"
             expected.append(f"| {name} | {law.name} | {size} | {law.source} |")

@@ -12,7 +12,6 @@ from torch import Tensor
 
 from rover_parameters.records import ConfigError
 from terramechanics.effects import EFFECTS, describe
-from terramechanics.effects.competing import competing_laws
 from terramechanics.effects.law import Law
 from terramechanics.effects.simulated import SimulatedEffect
 from terramechanics.simulation.plant import Plant
@@ -99,20 +98,20 @@ class LibraryEffect:
         """Its law, which has the value of its size and the extra values."""
         if self.competing is None:
             return describe(self.name).law
-        return competing_laws(self.name)[self.competing].law
+        return describe(self.name).competing[self.competing].law
 
     @property
     def law_name(self) -> str:
         """Name of the law that tells it from those that compete with it."""
         if self.competing is not None:
-            return competing_laws(self.name)[self.competing].name
+            return describe(self.name).competing[self.competing].name
         return describe(self.name).coefficient
 
     @property
     def range(self) -> tuple[float, float]:
         """Smallest and largest size."""
         if self.competing is not None:
-            return 0.0, competing_laws(self.name)[self.competing].high
+            return 0.0, describe(self.name).competing[self.competing].high
         described = describe(self.name)
         return described.low, described.high
 

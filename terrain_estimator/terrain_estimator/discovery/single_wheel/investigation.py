@@ -29,8 +29,7 @@ from terrain_estimator.discovery.single_wheel.families import (
 )
 from terrain_estimator.discovery.single_wheel.fit import Explained, Floats, WheelModel, explain
 from terrain_estimator.discovery.single_wheel.separation import separate_by
-from terramechanics.effects import EFFECTS
-from terramechanics.effects.competing import competing_laws
+from terramechanics.effects import EFFECTS, describe
 
 FLOOR = 1.0
 """[deviations of the rig] Root mean square error of a model that is true."""
@@ -243,7 +242,7 @@ def weigh(
 def competing(hypothesis: Hypothesis) -> list[Hypothesis]:
     """Return the other laws of the one effect of a hypothesis."""
     effect = hypothesis.effects[0]
-    count = len(competing_laws(effect.name))
+    count = len(describe(effect.name).competing)
     return [Hypothesis((dataclasses.replace(effect, competing=k),)) for k in range(count)]
 
 
