@@ -130,10 +130,11 @@ def search(options: argparse.Namespace) -> int:
         def identity() -> dict[str, Any]:
             given = {"library": options.library, "take_damaged": options.take_damaged}
             prior_told = {"prior": dataclasses.asdict(prior)}
-            places = {"runs": [*map(_full, runs)], "hold_out": [*map(_full, held_out)]}
+            wheels = {"wheels": dataclasses.asdict(places) if places else None}
+            asked_runs = {"runs": [*map(_full, runs)], "hold_out": [*map(_full, held_out)]}
             inputs = provenance(nominal.rover, soils) | {"code_sha256": code_sha256()}
             bags = contents_of([*runs, *held_out])
-            return told_asked | given | prior_told | places | inputs | bags
+            return told_asked | given | prior_told | wheels | asked_runs | inputs | bags
 
         with (
             _place(options, results, len(runs), identity) as (place, pieces),

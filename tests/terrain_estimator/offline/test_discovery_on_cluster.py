@@ -16,6 +16,7 @@ from mcap.opcode import Opcode
 
 from terrain_estimator.bags import BagReader, BagWriter
 from terrain_estimator.cli.find_missing_effect import main
+from terrain_estimator.cli.model_by_wheel import main as model_by_wheel
 from terrain_estimator.offline.cluster import cluster
 from tests.hidden.cases import Plan, draw_cases
 from tests.hidden.sealing import seal
@@ -158,9 +159,14 @@ def unfinished(bags: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_another_command_is_refused_by_what_differs(
-    bags: list[str], unfinished: Path, capsys: pytest.CaptureFixture[str]
+    bags: list[str], unfinished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     known = keys(unfinished)
+    wheels = ["--rover", "mars_rover", "--soil", "loose_sand", "--track-width", "1"]
+    assert model_by_wheel([*wheels, "--out", str(tmp_path / "models")]) == 0
+    by_wheel = ["--model", str(tmp_path / "models" / "mars_rover_by_wheel.pt")]
+    assert main([*command(bags, unfinished, "--workers", "2"), *by_wheel]) == 2
+    assert "results of another search (wheels was null, is {" in capsys.readouterr().err
     assert main([*command(bags, unfinished, "--workers", "2"), "--seed", "3"]) == 2
     assert "results of another search (seed was 0, is 3)" in capsys.readouterr().err
     changed = Path(bags[0]) / "metadata.yaml"
