@@ -1,26 +1,45 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""python -m studies.by_wheel prints the tables, with --planner that of the planner's stops."""
+"""python -m studies.by_wheel prints the tables.
+
+With --planner it prints that of the planner's stops, with --effects those of models with effects.
+"""
 
 import sys
 
 import torch
 
+from studies.by_wheel import added
 from studies.by_wheel.bound import BOUND_HEAD, bound_lines
 from studies.by_wheel.motions import HEAD, HIDDEN, TYPICAL, lines, motions
 from studies.by_wheel.stops import STOP_HEAD, stop_lines
 from studies.command import study_parser
 from studies.off_plane import KINDS
 from studies.tables import table
+from tests.turning_hidden import SKID, STEERED
 
 
 def main(argv: list[str] | None = None) -> int:
     """Print the tables of docs/lateral.md about a model by wheel, or one of docs/planner.md."""
     parser = study_parser("by_wheel", main.__doc__)
     parser.add_argument("--planner", action="store_true", help="what the planner says in turns")
-    planned = parser.parse_args(argv).planner
+    parser.add_argument(
+        "--effects",
+        nargs="*",
+        choices=added.NAMES,
+        help="models with these effects; without a name: with each that a model by wheel can have",
+    )
+    options = parser.parse_args(argv)
     torch.set_num_threads(1)
-    if planned:
+    if options.effects is not None:
+        for turning in (SKID, STEERED):
+            sys.stdout.write(f"{turning.rover.name}:\n\n{table(added.HEAD, [])}")
+            for line in added.lines(turning, options.effects or added.NAMES):
+                sys.stdout.write(f"| {' | '.join(line)} |\n")
+                sys.stdout.flush()
+            sys.stdout.write("\n")
+        return 0
+    if options.planner:
         sys.stdout.write(f"{KINDS[0].rover}:\n\n{table(STOP_HEAD, stop_lines())}\n")
         return 0
     for kind in KINDS:

@@ -7,13 +7,16 @@ import pytest
 import torch
 
 from studies import lateral
-from studies.by_wheel import bound
+from studies.by_wheel import added, bound
 from studies.by_wheel.bound import BOUND_HEAD, SKID, bound_lines, information
 from studies.by_wheel.drives import observed
 from studies.by_wheel.motions import HEAD, Motion, lines, motions
 from studies.by_wheel.stops import STOP_HEAD, by_axle, stop_lines
 from studies.off_plane import KINDS
 from terramechanics.vehicle.wheel_places import wheel_order
+from tests.hidden.sensing import Sensed
+from tests.turning_hidden import SKID as TURNING_SKID
+from tests.turning_hidden import STEERED, Turning, driven
 
 
 @pytest.fixture(autouse=True)
@@ -101,3 +104,35 @@ def test_more_that_is_unknown_widens_the_bound(monkeypatch: pytest.MonkeyPatch) 
     assert turning == "to 0.6 rad/s"
     assert len(found) == len(BOUND_HEAD) - 1
     assert all(float(value) > 0.8 for value in found[2].split(" / "))
+
+
+@pytest.mark.parametrize(
+    ("turning", "name", "law"),
+    [
+        (TURNING_SKID, "sinkage_bias", "rim angle read wrong"),
+        (TURNING_SKID, "odometry_scale", "the library's"),
+        (STEERED, "odometry_scale", "wheels worn unevenly"),
+    ],
+)
+def test_a_line_compares_the_models_with_and_without_the_effect(
+    turning: Turning, name: str, law: str
+) -> None:
+    (line,) = added.lines(turning, [name], drives=2, seconds=4.0)
+    assert len(line) == len(added.HEAD)
+    assert line[:2] == (f"`{name}`", law)
+    assert line[3].endswith(" of 2")
+    assert line[2] != line[6]
+
+
+def test_a_sensor_of_each_drive_is_wrong_by_its_own_size() -> None:
+    generator = torch.Generator().manual_seed(3)
+    tilted, law = added.hidden("slope_bias", TURNING_SKID.rover, 2, generator)
+    assert isinstance(tilted, Sensed)
+    samples, _, _ = driven(TURNING_SKID, tilted, 2, 20.0, generator)
+    true = torch.stack([sample.pitch for sample in samples], 1).numpy()
+    found, _, found_law = added.found(TURNING_SKID, "slope_bias", 3, 2, 20.0)
+    assert law == found_law == "inertial unit tilted, less while cold"
+    for drive, size in enumerate(tilted.sizes.tolist()):
+        read = np.array([each.pitch for each in found[drive]])
+        error = np.mean(read[150:] - true[drive, 150:])  # when the unit is nearly warm
+        assert error == pytest.approx(0.9 * size, abs=0.15 * abs(size))
