@@ -4,9 +4,10 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import torch
 
@@ -18,7 +19,7 @@ from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.training import law_of
 from terrain_estimator.model.effect_rows import EffectRows
 from terrain_estimator.model.effect_values import ValuePrior
-from terrain_estimator.model.effects import LAWS, not_estimated
+from terrain_estimator.model.effects import LAWS, LAWS_BY_WHEEL, not_estimated
 from terrain_estimator.model.effects_by_wheel import EffectsByWheel
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.metadata import AddedEffect, Metadata, ModelFileError
@@ -29,6 +30,7 @@ from terrain_estimator.model.physics_of_wheels import physics_by_wheel
 from terrain_estimator.model.physics_with_effects import PhysicsWithEffects, nominal_of
 from terrain_estimator.model.wheels_with_effects import WheelsWithEffects
 from terramechanics.effects import describe
+from terramechanics.effects.law import Law
 from terramechanics.terrain.soil import SCM
 from terramechanics.vehicle.wheel_places import WheelPlaces
 
@@ -117,29 +119,42 @@ def _by_wheel(loaded: LoadedModel, places: WheelPlaces, effects: Sequence[Sized]
             " need: give a model by wheel without --torque-gain-sd"
         )
     plain = build_model_by_wheel(rover, places, known.soils, known.prior)
-    acting = EffectsByWheel([describe(effect.name).law(rover) for effect in effects], rover)
+    laws = [LAWS_BY_WHEEL.get(each.name, describe(each.name).law)(rover) for each in effects]
+    acting = EffectsByWheel(laws, rover)
     constants = torch.stack([soil.constants() for soil in known.soils])
     by_wheel = physics_by_wheel(rover, places, constants, known.prior.constants_sd, acting)
     model = PAlpaca(
-        WheelsWithEffects(by_wheel, acting, value_prior(effects)), plain.net, plain.prior
+        WheelsWithEffects(by_wheel, acting, value_prior(effects, LAWS_BY_WHEEL)),
+        plain.net,
+        plain.prior,
     )
     model.hypotheses.load_state_dict(plain.hypotheses.state_dict())
     return model
 
 
-def value_prior(effects: Sequence[Sized]) -> ValuePrior:
-    """Return the prior of the effects' values: of each its size, then its further values."""
+def value_prior(
+    effects: Sequence[Sized], others: Mapping[str, type[Law]] = MappingProxyType({})
+) -> ValuePrior:
+    """Return the prior of the effects' values: of each its size, then its further values.
+
+    Those of laws that stand in ``others`` go with the size.
+    """
     named = [LibraryEffect(effect.name) for effect in effects]
     library = Hypothesis(tuple(named)).shared()
     mean, sd, place = torch.zeros_like(library.sd), library.sd.clone(), 0
+    low, high = library.low.clone(), library.high.clone()
     for each, effect in zip(named, effects, strict=True):
         mean[place] = each.law.value_of(effect.mean)
         # The value of a size that is a square: where the size is zero give or take a deviation, the
         # root of that deviation.
         root = max(each.law.value_of(effect.mean), each.law.value_of(effect.sd))
         sd[place] = effect.sd / each.law.slope(root)
+        if effect.name in others:
+            for number, further in enumerate(others[effect.name].extra, place + 1):
+                sd[number] = further.sd * math.hypot(effect.mean, effect.sd)
+                low[number], high[number] = -4.0 * sd[number], 4.0 * sd[number]
         place += each.count
-    return ValuePrior(mean, sd, library.low, library.high)
+    return ValuePrior(mean, sd, low, high)
 
 
 def export_with(

@@ -3,6 +3,8 @@
 """The named effects that a model can estimate beside the ground."""
 
 from terramechanics.effects import EFFECTS
+from terramechanics.effects.law import Law
+from terramechanics.effects.soil import BlendedGrousers
 
 ASIDE = "lateral_bulldozing"
 """Effect that models by wheel alone can have."""
@@ -26,12 +28,14 @@ NOT_ONLINE = {
 NOT_ONLINE_BY_WHEEL = {
     "multipass": "which wheels rolled over the same ground before is not known in a turn",
     "payload": "its models have one mass: give the loaded mass in the rover file instead",
-    "grousers": (
-        "size and cohesion came out up to 7 deviations off on wheels that steer, for a reason that"
-        " is not known; drive straight ahead, with a model by axle"
-    ),
 }
 """Effects that models by wheel cannot have beside NOT_ONLINE, and why."""
+LAWS_BY_WHEEL: dict[str, type[Law]] = {"grousers": BlendedGrousers}
+"""Laws of models by wheel in place of the registry's, with as many values.
+
+The deviations of further values are shares of the size. Steered wheels slip by so little that the
+two values of the registry's grousers do not show apart.
+"""
 LAWS = {name: effect.law for name, effect in EFFECTS.items() if name not in NOT_ONLINE}
 """Laws of the effects that a model can have, by the registry's names."""
 

@@ -41,13 +41,18 @@ from terrain_estimator.model.physics_of_wheels import physics_by_wheel
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terrain_estimator.model.rows import values_alone
 from terrain_estimator.model.rows_beside import of_slopes
+from terramechanics.effects import describe
 from terramechanics.vehicle.wheel_places import chassis_places, wheel_order
+from tests import turning_hidden
 from tests.hidden.vehicle import DryBearing
-from tests.turning_hidden import SKID, driven, turning_runs
+from tests.turning_hidden import SKID, STEERED, driven, turning_runs
 
 DRIVES, SECONDS = 3, 20.0
 """Drives of a case, of which the last is held out, and their length [s]."""
 DRAG_SEED, NOTHING_SEED, ONLINE_SEED = 94_000_001, 94_000_002, 94_000_003
+LUG_SEED, ASTRAY = 777, (3, 11)
+THRUST, PRIOR_THRUST = 5.735, 100.0
+"""[N] of lugs, and the deviation that is supposed."""
 TORQUE = 0.5
 """[N m] of the hidden friction at high rates; half more where a wheel hardly turns."""
 
@@ -189,6 +194,32 @@ def test_a_model_by_wheel_with_an_effect_loads_and_estimates_its_size_in_turns(
     (effect,) = updates[-1].estimate.effects
     assert math.isfinite(effect.mean)
     assert 0.0 < effect.sd < 0.5 * TORQUE
+
+
+def test_lugs_on_steered_wheels_do_not_lead_a_model_with_grousers_astray(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The registry's law, expanded second by second, ends 7 deviations from c in one of these."""
+    monkeypatch.setattr(turning_hidden, "CONSTANTS_OFF", 0.0)
+    prior = replace(DEFAULT_PRIOR, constants_sd=0.0)
+    rover, lugs = STEERED.rover, describe("grousers")
+    generator = torch.Generator().manual_seed(LUG_SEED)
+    effect = lugs.acting(lugs.values(THRUST))
+    samples, strength, plant = driven(STEERED, effect, 12, 30.0, generator)
+    order = [chassis_places(rover)[k] for k in wheel_order(rover)]
+    noise = torch.Generator().manual_seed(LUG_SEED + 1)
+    drives = observed(rover, samples, strength, order, noise, plant)
+    known = model_by_wheel(rover, STEERED.places, prior, tmp_path / "plain.pt")
+    add_effects(known, [Sized("grousers", 0.0, PRIOR_THRUST)], tmp_path / "lugs.pt")
+    model = load_model(str(tmp_path / "lugs.pt"))
+    for number in ASTRAY:
+        estimator = Estimator(model, CoreConfig())
+        estimate = [estimator.update(one) for one in drives[number]][-1].estimate
+        (found,) = estimate.effects
+        assert found.sd < 0.1 * PRIOR_THRUST
+        assert abs(found.mean - THRUST) < 3.0 * found.sd
+        spread = np.sqrt(np.diag(estimate.covariance))
+        assert (np.abs(estimate.mean - strength[number].numpy()) < 3.0 * spread).all()
 
 
 @pytest.mark.parametrize(

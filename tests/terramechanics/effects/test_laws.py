@@ -19,6 +19,7 @@ from terramechanics.effects.soil import (
     GROUSER_SLIP,
     REFERENCE_SPEED,
     SOFTEST,
+    BlendedGrousers,
     Bulldozing,
     ExitAngle,
     Grousers,
@@ -143,6 +144,25 @@ def test_grousers_push_with_63_percent_at_their_slip_and_with_all_far_beyond() -
         assert lugs is not None
         assert lugs.traction[0].tolist() == pytest.approx([-part, 0.0, part, 50.0])
         torch.testing.assert_close(lugs.torque, ROVER.wheel_radius * lugs.traction)
+
+
+@given(size=st.floats(0.0, 200.0), shape=st.floats(-100.0, 100.0))
+def test_blended_grousers_are_linear_in_both_values_and_push_with_the_size_far_beyond(
+    size: float, shape: float
+) -> None:
+    slips = at_slips(-0.3, 0.0, 0.02, 0.1, 100.0)
+    blend = BlendedGrousers(ROVER)
+    both = blend.added_force(slips, values(size, shape))
+    alone = [blend.added_force(slips, each) for each in (values(size, 0.0), values(0.0, shape))]
+    usual = Grousers(ROVER).added_force(slips, values(size, 0.0))
+    assert both is not None
+    assert usual is not None
+    parts = [each.traction for each in alone if each is not None]
+    torch.testing.assert_close(parts[0], usual.traction)
+    torch.testing.assert_close(both.traction, parts[0] + parts[1])
+    torch.testing.assert_close(both.torque, ROVER.wheel_radius * both.traction)
+    assert float(both.traction[0, -1]) == pytest.approx(size)
+    assert float(parts[1][0, 2]) == pytest.approx(shape * (math.exp(-0.1) - math.exp(-0.4)))
 
 
 @given(size=st.floats(0.0, 2.0), slip=st.floats(-0.6, 0.95), n=st.floats(0.5, 1.5))
