@@ -29,12 +29,14 @@ def main(argv: list[str] | None = None) -> int:
         choices=added.NAMES,
         help="models with these effects; without a name: with each that a model by wheel can have",
     )
+    parser.add_argument("--own", action="store_true", help="hide them by the models' own laws")
     options = parser.parse_args(argv)
     torch.set_num_threads(1)
     if options.effects is not None:
         for turning in (SKID, STEERED):
             sys.stdout.write(f"{turning.rover.name}:\n\n{table(added.HEAD, [])}")
-            for line in added.lines(turning, options.effects or added.NAMES):
+            names = options.effects or added.NAMES
+            for line in added.lines(turning, names, own=options.own):
                 sys.stdout.write(f"| {' | '.join(line)} |\n")
                 sys.stdout.flush()
             sys.stdout.write("\n")

@@ -48,12 +48,14 @@ HEAD = (
 )
 
 
-def hidden(name: str, rover: Rover, drives: int, generator: torch.Generator) -> tuple[Effect, str]:
+def hidden(
+    name: str, rover: Rover, drives: int, generator: torch.Generator, *, own: bool = False
+) -> tuple[Effect, str]:
     """Return an effect of the size that matters on the rover, one each drive, and its law.
 
-    UnevenWear has the wear of three axles.
+    With ``own`` it is the library's, at one size. UnevenWear has the wear of three axles.
     """
-    known = GENERATORS.get(name)
+    known = None if own else GENERATORS.get(name)
     if known is None or (name == "odometry_scale" and rover.axles != len(WEAR)):
         (effect,) = hidden_effect(name, rover).plant.effects
         return effect, "the library's"
@@ -63,11 +65,11 @@ def hidden(name: str, rover: Rover, drives: int, generator: torch.Generator) -> 
 
 
 def found(
-    turning: Turning, name: str, seed: int, drives: int, seconds: float
+    turning: Turning, name: str, seed: int, drives: int, seconds: float, *, own: bool = False
 ) -> tuple[list[list[Observation]], Tensor, str]:
     """Return the observations of drives with a hidden effect, their strength, and the law."""
     generator, rover = torch.Generator().manual_seed(seed), turning.rover
-    effect, law = hidden(name, rover, drives, generator)
+    effect, law = hidden(name, rover, drives, generator, own=own)
     samples, strength, plant = driven(turning, effect, drives, seconds, generator)
     if isinstance(effect, Sensed):  # sensors have a row for each side of a rover
         effect.sizes = effect.sizes.repeat_interleave(rover.wheels_per_axle).unsqueeze(-1)
@@ -101,14 +103,16 @@ def lines(
     names: Sequence[str] = NAMES,
     drives: int = DRIVES,
     seconds: float = SECONDS,
+    *,
+    own: bool = False,
 ) -> Iterator[tuple[str, ...]]:
-    """Yield the lines of a rover's table, one for each effect."""
+    """Yield the lines of a rover's table, one for each effect; ``own`` as in :func:`hidden`."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder)
         plain = model_by_wheel(turning.rover, turning.places, DEFAULT_PRIOR, path / "plain.pt")
         for name in names:
             seed = SEED + 100 * turning.kind + tuple(EFFECTS).index(name)
-            observations, strength, law = found(turning, name, seed, drives, seconds)
+            observations, strength, law = found(turning, name, seed, drives, seconds, own=own)
             truth = strength.numpy()
             both = [
                 cells(ended(model, observations, truth))

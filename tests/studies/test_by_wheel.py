@@ -107,17 +107,18 @@ def test_more_that_is_unknown_widens_the_bound(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.parametrize(
-    ("turning", "name", "law"),
+    ("turning", "name", "own", "law"),
     [
-        (TURNING_SKID, "sinkage_bias", "rim angle read wrong"),
-        (TURNING_SKID, "odometry_scale", "the library's"),
-        (STEERED, "odometry_scale", "wheels worn unevenly"),
+        (TURNING_SKID, "sinkage_bias", False, "rim angle read wrong"),
+        (TURNING_SKID, "sinkage_bias", True, "the library's"),
+        (TURNING_SKID, "odometry_scale", False, "the library's"),
+        (STEERED, "odometry_scale", False, "wheels worn unevenly"),
     ],
 )
 def test_a_line_compares_the_models_with_and_without_the_effect(
-    turning: Turning, name: str, law: str
+    turning: Turning, name: str, *, own: bool, law: str
 ) -> None:
-    (line,) = added.lines(turning, [name], drives=2, seconds=4.0)
+    (line,) = added.lines(turning, [name], drives=2, seconds=4.0, own=own)
     assert len(line) == len(added.HEAD)
     assert line[:2] == (f"`{name}`", law)
     assert line[3].endswith(" of 2")
