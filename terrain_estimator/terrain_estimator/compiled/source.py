@@ -135,12 +135,12 @@ def _packed_drive(metadata: Metadata, seconds: float) -> Tensor:
     ground = Ground([Patch(soil.constants().unsqueeze(0), strength, name=soil.name, law=soil.law)])
     drive = simulate(metadata.rover, ground, "S1", seconds, generator, 1)
     packed = pack_measurement(measure_drive(metadata.rover, drive.seen, Noise(), generator))[0]
-    place = packed.shape[1] - TIMING  # the rates stand before what is of the time
     rates = drive.sample.wheel_rate[0].expand(-1, metadata.rover.axles)
-    if metadata.effects:
-        packed = torch.cat([packed[:, :place], rates, packed[:, place:]], 1)
     if metadata.wheels:
-        packed = _by_wheel(metadata, packed, rates, generator)
+        return _by_wheel(metadata, packed, rates, generator)
+    if metadata.effects:
+        place = packed.shape[1] - TIMING  # the rates stand before what is of the time
+        packed = torch.cat([packed[:, :place], rates, packed[:, place:]], 1)
     return packed
 
 
