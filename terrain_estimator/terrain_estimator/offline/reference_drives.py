@@ -38,7 +38,7 @@ ENDING = ".drive.npz"
 _FIELDS = (*AXLE_FIELDS, *(name for name in SCALAR_FIELDS if name not in OFF_PLANE))
 """What the drives of a model by axle have; those of one by wheel have OFF_PLANE, too."""
 _PLACES = "wheel_places"
-_LARGEST = 1 << 24  # bytes
+_LARGEST, _LARGEST_UNPACKED = 1 << 24, 1 << 26  # bytes
 
 
 def judge_sensors(model: LoadedModel, config: EstimatorConfig) -> tuple[SensorBounds, str]:
@@ -104,13 +104,12 @@ def reference_drives(model: Path, metadata: Metadata) -> Drives:
 def _read(path: Path, metadata: Metadata) -> Drives:
     """Return the drives in a file on the model's soils; none where it is of another rover."""
     try:
-        with np.load(io.BytesIO(read_regular(path, _LARGEST)), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
+        arrays = _arrays(read_regular(path, _LARGEST))
         own = _identity(metadata)
         if {name: str(arrays[name]) for name in ("rover", _PLACES) if name in arrays} != own:
             return {}
         return {
-            soil.name: _drive(arrays, soil.name, _fields(metadata))
+            soil.name: _drive(arrays, soil.name, metadata)
             for soil in metadata.soils
             if str(arrays.get(f"{soil.name}/soil", "")) == _as_text(soil)
         }
@@ -118,6 +117,15 @@ def _read(path: Path, metadata: Metadata) -> Drives:
         raise ModelFileError(
             f"{path}: {error}: make the model anew, or install the package anew"
         ) from error
+
+
+def _arrays(content: bytes) -> dict[str, Any]:
+    """Return the arrays of a file. Raises ValueError, EOFError or BadZipFile where it has none."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        if sum(each.file_size for each in archive.infolist()) > _LARGEST_UNPACKED:
+            raise ValueError(f"holds more than {_LARGEST_UNPACKED >> 20} MiB")
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files}
 
 
 def _fields(metadata: Metadata) -> tuple[str, ...]:
@@ -131,10 +139,16 @@ def _identity(metadata: Metadata) -> dict[str, str]:
     return rover if places is None else rover | {_PLACES: _as_text(places)}
 
 
-def _drive(arrays: dict[str, Any], soil: str, fields: tuple[str, ...]) -> list[Observation]:
-    series = {name: arrays[f"{soil}/{name}"].astype(np.float64) for name in fields}
+def _drive(arrays: dict[str, Any], soil: str, metadata: Metadata) -> list[Observation]:
+    """Return one drive of a file. Raises ValueError where an array has the wrong shape."""
+    stamps = arrays[f"{soil}/stamp_ns"].reshape(-1).tolist()
+    series = {name: arrays[f"{soil}/{name}"].astype(np.float64) for name in _fields(metadata)}
+    for name, whole in series.items():
+        each = () if name in SCALAR_FIELDS else (metadata.stations,)
+        if whole.shape != (shape := (len(stamps), *each)):
+            raise ValueError(f"{soil}/{name} has the shape {whole.shape}, not {shape}")
     drive = []
-    for k, stamp in enumerate(arrays[f"{soil}/stamp_ns"].tolist()):
+    for k, stamp in enumerate(stamps):
         values: dict[str, Any] = {
             name: each[k] if each.ndim > 1 else float(each[k]) for name, each in series.items()
         }

@@ -17,7 +17,8 @@ from terrain_estimator.config.estimator import ConversionConfig, CoreConfig, Est
 from terrain_estimator.estimator.sensor_information import LARGEST_BOUND, bounds_of
 from terrain_estimator.learning.reference_drives import measured_drives
 from terrain_estimator.messaging.diagnostics import NOT_CHECKED, Level, judge_information
-from terrain_estimator.model.metadata import read_metadata
+from terrain_estimator.model.metadata import ModelFileError, read_metadata
+from terrain_estimator.observation import Floats
 from terrain_estimator.offline.reference_drives import ENDING, judge_sensors, reference_drives
 from tests.rovers import FOUR_WHEELS
 
@@ -157,6 +158,25 @@ def test_a_model_without_drives_is_not_checked_and_diagnostics_say_so(
     shutil.copyfile(made / f"{FOUR_WHEELS.name}{ENDING}", tmp_path / f"copy{ENDING}")
     with pytest.raises(ConfigError, match="leave the ground to the prior"):
         judge_sensors(load(path, "auto").model, config)
+
+
+@pytest.mark.parametrize(
+    ("array", "values", "said"),
+    [
+        ("loose_sand/slip", np.zeros((400, 3)), r"loose_sand/slip has the shape \(400, 3\), not"),
+        ("loose_sand/velocity", np.zeros(2), r"loose_sand/velocity has the shape"),
+        ("more", np.zeros(9 << 20), "holds more than 64 MiB"),
+    ],
+)
+def test_a_file_of_drives_that_cannot_be_is_named(
+    made: Path, tmp_path: Path, array: str, values: Floats, said: str
+) -> None:
+    with np.load(made / f"{FOUR_WHEELS.name}{ENDING}") as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    np.savez_compressed(tmp_path / "copy.drive.npz", **(arrays | {array: values}))
+    metadata = read_metadata(made / f"{FOUR_WHEELS.name}.json")
+    with pytest.raises(ModelFileError, match=rf"copy\.drive\.npz: {said}.*make the model anew"):
+        reference_drives(tmp_path / "copy.pt", metadata)
 
 
 @pytest.mark.parametrize("name", MODELS)
