@@ -22,6 +22,7 @@ from terramechanics.terrain.surface import random_waves
 from terramechanics.vehicle.chassis import Chassis
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.steering import partly_steered_command
+from terramechanics.vehicle.suspension import TerrainError
 from terramechanics.vehicle.wheel_places import WheelPlaces, chassis_places, wheel_order
 
 SEED = 1
@@ -42,14 +43,18 @@ Drives = dict[str, list[Observation]]
 def measured_drives(metadata: Metadata, seconds: float = SECONDS) -> Drives:
     """Return what a model's rover measures on each of its soils, with the prior's c and tan phi.
 
-    A soil on which the rover gets stuck has no drive: that is not for its sensors to help. Nor has
-    a rover that turns, with more than two wheels on an axle: no simulation knows it. Takes seconds.
+    A soil on which the rover gets stuck has no drive: that is not for its sensors to help. There is
+    none for wheels that do not fit between the hills, nor for a model by wheel with more than two
+    wheels on an axle, which no simulation knows. Takes seconds.
     """
-    if metadata.wheel_places is None:
-        return _straight(metadata, seconds)
-    if metadata.rover.wheels_per_axle > 2:
+    if metadata.wheels and metadata.rover.wheels_per_axle > 2:
         return {}
-    return _turning(metadata, metadata.wheel_places, metadata.soils, seconds)
+    try:
+        if metadata.wheel_places is None:
+            return _straight(metadata, seconds)
+        return _turning(metadata, metadata.wheel_places, metadata.soils, seconds)
+    except TerrainError:
+        return {}
 
 
 def _straight(metadata: Metadata, seconds: float) -> Drives:
@@ -88,8 +93,8 @@ def _turning(
     for step in range(1, round(seconds / TIME_STEP) + 1):
         speed, turn = _motion(rover, places, step * TIME_STEP).expand(len(soils), 2).unbind(1)
         driven.append(simulation.step(*partly_steered_command(chassis, speed, turn, steered)))
-        if (stuck := _stuck(driven)).any():
-            freed = [soil for soil, held in zip(soils, stuck.tolist(), strict=True) if not held]
+        if any(stuck := _stuck(driven).tolist()):
+            freed = [soil for soil, held in zip(soils, stuck, strict=True) if not held]
             return _turning(metadata, places, freed, seconds)
     order = [in_chassis[wheel] for wheel in wheel_order(rover)]
     drives = observed(rover, driven, order, generator)

@@ -117,6 +117,22 @@ def test_a_soil_on_which_the_rover_gets_stuck_has_no_drive(made: Path) -> None:
         assert list(drives) == ["compact_sand"]
 
 
+@pytest.mark.parametrize("name", MODELS)
+def test_a_rover_that_no_simulation_takes_over_the_hills_has_no_drive(
+    made: Path, name: str
+) -> None:
+    metadata = read_metadata(made / f"{name}.json")
+    giant = dataclasses.replace(metadata.rover, wheel_radius=60.0)
+    assert measured_drives(dataclasses.replace(metadata, rover=giant), 3.0) == {}
+    wheels = tuple(
+        dataclasses.replace(each, name=f"{each.name}_{twin}")
+        for each in metadata.rover.wheels
+        for twin in (1, 2)
+    )
+    twins = dataclasses.replace(metadata, rover=dataclasses.replace(metadata.rover, wheels=wheels))
+    assert (measured_drives(twins, 1.0) == {}) == bool(metadata.wheels)
+
+
 def test_an_unknown_gain_of_the_torques_is_judged(tmp_path: Path) -> None:
     given = ["--rover", FOUR_WHEELS.name, "--soil", "loose_sand", "--track-width", "0.57"]
     assert model_by_wheel.main([*given, "--torque-gain-sd", "0.1", "--out", str(tmp_path)]) == 0
