@@ -21,7 +21,6 @@ from typing import Any
 import torch
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.cli import single_wheel
 from terrain_estimator.console.arguments import (
     WORKERS,
     add_search_options,
@@ -101,6 +100,9 @@ def main(arguments: list[str] | None = None) -> int:
     """Investigate the runs that the command line names; return the exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
     if any(each.partition("=")[0] == "--wheel-table" for each in arguments):
+        # what it takes to load would be a twentieth of a search of drives
+        from terrain_estimator.cli import single_wheel  # noqa: PLC0415
+
         return single_wheel.main(arguments)
     return search(search_parser().parse_args(arguments))
 
