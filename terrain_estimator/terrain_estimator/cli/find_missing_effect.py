@@ -10,6 +10,7 @@ For single-wheel measurements see find_missing_effect --wheel-table FILE.csv --h
 
 import argparse
 import dataclasses
+import gc
 import random
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -98,7 +99,11 @@ class InputError(ValueError):
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Investigate the runs that the command line names; return the exit code."""
-    arguments = sys.argv[1:] if arguments is None else arguments
+    if arguments is None:  # this process is for the command alone
+        arguments = sys.argv[1:]
+        # What is loaded stays to the end. To look through torch's modules for garbage takes a tenth
+        # of a short search.
+        gc.freeze()
     if any(each.partition("=")[0] == "--wheel-table" for each in arguments):
         # what it takes to load would be a twentieth of a search of drives
         from terrain_estimator.cli import single_wheel  # noqa: PLC0415
