@@ -189,8 +189,8 @@ class HypothesisRows:
         """Prepare what does not depend on the point; ``laws`` are those of the hypothesis."""
         self._nominal, self._observed = nominal.of(blocks), observed_of(blocks)
         self._rows = EffectRows(laws, nominal.rover.mass, _integrals(self._nominal.soil.law))
-        acting = [[float(acts_in_forces(law))] * law.count for law in laws]
-        self._acting = _tensor([each for law in acting for each in law]) > 0.0
+        acting = [acts_in_forces(law) for law in laws for _ in range(law.count)]
+        self._acting = torch.tensor([acting], dtype=torch.bool)  # by value
         self._last: _Read | None = None
 
     def expansion(self, point: LinearizationPoint, chosen: Tensor) -> Expansion:
