@@ -25,10 +25,10 @@ from studies.command import study_parser
 from studies.physics import physics_model
 from studies.planner.patches import belief_of
 from studies.tables import table
-from studies.turning_observations import turning_observations_of
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.config.planner import AdviceConfig
 from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.learning.observing import turning_observations_of
 from terrain_estimator.messaging.messages import Status, status_of
 from terrain_estimator.messaging.pipeline import usable_rows
 from terrain_estimator.model.loaded import LoadedModel

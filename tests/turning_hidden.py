@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from studies.by_wheel.drives import observed
 from studies.off_plane import KINDS, SOIL
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
 from terrain_estimator.discovery.runs import Blocks, Refusals, cut_by_wheel, run_of
 from terrain_estimator.estimator.off_plane import SingleWheels
+from terrain_estimator.learning.observing import observed
 from terrain_estimator.model.physics_of_wheels import physics_by_wheel
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terramechanics.presets import load_rover
@@ -90,14 +90,14 @@ def turning_runs(
 ) -> list[Blocks]:
     """Return drives with an ``effect`` in the simulation as the search reads them."""
     generator, rover = torch.Generator().manual_seed(seed), turning.rover
-    samples, strength, plant = driven(turning, effect, drives, seconds, generator)
+    samples, _, plant = driven(turning, effect, drives, seconds, generator)
     order = [chassis_places(rover)[k] for k in wheel_order(rover)]
     places, nominal = turning.places, turning.nominal
     wheels = SingleWheels(nominal.wheels, any(places.steers(rover)), rover.gravity)
     core = CoreConfig().of_model(by_wheel=True)
     physics = physics_by_wheel(rover, places, SOIL.constants().unsqueeze(0), 0.0)
     blocks = []
-    for number, drive in enumerate(observed(rover, samples, strength, order, generator, plant)):
+    for number, drive in enumerate(observed(rover, samples, order, generator, plant)):
         run = run_of(f"run_{number}", drive, rover, core, Refusals(), wheels)
         blocks.append(replace(cut_by_wheel(run, physics, nominal.row_names), soil=SOIL))
     return blocks

@@ -31,7 +31,13 @@ from terramechanics.effects import EFFECTS, Description
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.body_plant import BodyPlant
 from terramechanics.simulation.sample import SLOWEST, Measurement, Sample
-from terramechanics.simulation.sensors import Noise, acceleration_bias, measure
+from terramechanics.simulation.sensors import (
+    LATERAL_SD,
+    YAW_RATE_SD,
+    Noise,
+    acceleration_bias,
+    measure,
+)
 from terramechanics.simulation.simulation import STUCK_TIME
 from terramechanics.simulation.spatial import BodySample, BodySimulation, Plane
 from terramechanics.terrain.profile import STEEPEST
@@ -41,8 +47,6 @@ from terramechanics.vehicle.chassis import Chassis
 from terramechanics.vehicle.suspension import TerrainError
 from terramechanics.vehicle.wheel_places import box_inertia, chassis_places
 
-LATERAL_SD, YAW_RATE_SD = 0.005, 0.003
-"""[m/s], [rad/s] Deviations of the lateral velocity and of the gyroscope."""
 NO_PROGRESS = 0.1
 """[1] Share of the rims' speed below which a rover makes no progress."""
 

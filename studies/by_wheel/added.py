@@ -14,9 +14,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from studies.by_wheel.drives import Ended, ended, model_by_wheel, observed
+from studies.by_wheel.drives import Ended, ended, model_by_wheel
 from studies.by_wheel.motions import hidden_effect
 from terrain_estimator.learning.adding import Sized, add_effects
+from terrain_estimator.learning.observing import observed
 from terrain_estimator.model.effects import not_estimated
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.model_file import load_model
@@ -75,7 +76,7 @@ def found(
         effect.sizes = effect.sizes.repeat_interleave(rover.wheels_per_axle).unsqueeze(-1)
     in_chassis = chassis_places(rover)
     order = [in_chassis[k] for k in wheel_order(rover)]
-    return observed(rover, samples, strength, order, generator, plant), strength, law
+    return observed(rover, samples, order, generator, plant), strength, law
 
 
 def with_effect(plain: LoadedModel, name: str, folder: Path) -> LoadedModel:

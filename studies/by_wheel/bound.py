@@ -11,16 +11,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rover_sim_node.turning_run import LATERAL_SD, YAW_RATE_SD
 from studies import lateral
-from studies.by_wheel.drives import SEED, ended, model_by_wheel, observed
+from studies.by_wheel.drives import SEED, ended, model_by_wheel
 from studies.off_plane import SOIL
 from terrain_estimator.learning.by_wheel import ROLL_BIAS_SD
+from terrain_estimator.learning.observing import observed
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terramechanics.contact.rolling import WheelMotion
 from terramechanics.contact.stresses import quadrature
 from terramechanics.simulation.sample import TIME_STEP
-from terramechanics.simulation.sensors import Noise
+from terramechanics.simulation.sensors import LATERAL_SD, YAW_RATE_SD, Noise
 from terramechanics.simulation.spatial import BodySample
 from terramechanics.vehicle.body_rows import body_rows
 from terramechanics.vehicle.rover import Rover, Wheel
@@ -128,7 +128,7 @@ def bound_lines(drives: int = lateral.DRIVES) -> Iterator[tuple[str, ...]]:
         rows = tuple(range(matrices[0][0].shape[-2]))
         bound = lateral.bound(matrices, rows, known)[:drives, :2].numpy()
         generator = torch.Generator().manual_seed(SEED)
-        found = observed(SKID, samples, strength, range(len(SKID.wheels)), generator)[:drives]
+        found = observed(SKID, samples, range(len(SKID.wheels)), generator)[:drives]
         result = ended(model, found, strength.numpy()[:drives])
         error = np.median(np.abs(result.mean - result.truth) / result.truth, 0)
         least = np.median(bound / result.truth, 0)

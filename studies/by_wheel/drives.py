@@ -9,10 +9,8 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from studies.off_plane import SOIL
-from studies.turning_observations import turning_observations_of
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.by_wheel import build_model_by_wheel
@@ -25,10 +23,6 @@ from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.prior import Prior
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.update import Update
-from terramechanics.simulation.body_plant import BodyPlant
-from terramechanics.simulation.sample import TIME_STEP, Sample
-from terramechanics.simulation.sensors import Noise, measure_drive
-from terramechanics.simulation.spatial import BodySample
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.wheel_places import WheelPlaces
@@ -57,69 +51,6 @@ def model_of_soils(
     model = build_model_by_wheel(rover, places, soils, prior, torque_sd)
     export(model, rover, soils, Training(0, 0, 0.0, torch.__version__), path, places)
     return load_model(str(path))
-
-
-def observed(
-    rover: Rover,
-    driven: Sequence[BodySample],
-    strength: Tensor,
-    order: Sequence[int],
-    generator: torch.Generator,
-    effects: BodyPlant | None = None,
-    shift: float = 0.0,
-) -> list[list[Observation]]:
-    """Return the observations by wheel of each drive; ``order`` is that of the samples' wheels.
-
-    ``effects`` are those of sensors; the centre of mass is ``shift`` [m] ahead of the rover file's.
-    """
-
-    def stacked(name: str) -> Tensor:
-        return torch.stack([getattr(sample, name) for sample in driven], 1)
-
-    def wheels(name: str) -> Tensor:
-        return stacked(name)[:, :, order]
-
-    velocity, slip, forces = stacked("velocity"), wheels("slip"), wheels("forces")
-    before = torch.cat([torch.zeros_like(velocity[:, :1]), velocity[:, :-1]], 1)
-    turned = velocity[..., 2] * TIME_STEP
-    ahead = torch.cos(turned) * before[..., 0] + torch.sin(turned) * before[..., 1]
-    level, never = torch.zeros_like(turned), torch.zeros_like(turned, dtype=torch.bool)
-    bogies = 2 * len(rover.suspension)  # left and right, before the differential
-    bogie = stacked("joints")[..., :bogies].mean(-1) if bogies else level
-    sample = Sample(
-        time=stacked("time"),
-        position=stacked("position")[..., 0],
-        height=level,
-        velocity=velocity[..., 0],
-        acceleration=(velocity[..., 0] - ahead) / TIME_STEP,
-        pitch=stacked("pitch"),
-        bogie_angle=bogie,
-        stuck=never,
-        standing=never,
-        slip=slip,
-        sinkage=wheels("sinkage"),
-        contact=torch.zeros_like(slip),
-        contact_angle=wheels("contact_angle"),
-        wheel_rate=wheels("rim") / rover.wheel_radius,
-        torque=wheels("torque"),
-        normal=forces[..., 0],
-        traction=forces[..., 1],
-        ground_torque=forces[..., 2],
-        valid=torch.isfinite(slip),
-        constants=SOIL.constants().expand(*slip.shape, 6),
-        strength=strength[:, None, None, :].expand(*slip.shape, 2),
-    )
-    sample = sample if effects is None else effects.sensed(sample)
-    measured = measure_drive(rover, sample, Noise(), generator)
-    aside = velocity[..., 1] - (rover.centre_of_mass_x + shift) * velocity[..., 2]
-    observations = turning_observations_of(
-        measured, stacked("roll"), aside, velocity[..., 2], generator
-    )
-    steering = wheels("steering").numpy()
-    return [
-        [dataclasses.replace(one, steering=steering[drive, step]) for step, one in enumerate(each)]
-        for drive, each in enumerate(observations)
-    ]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

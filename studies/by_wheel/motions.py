@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from studies.by_wheel.drives import SEED, ended, model_by_wheel, observed
+from studies.by_wheel.drives import SEED, ended, model_by_wheel
 from studies.off_plane import (
     BUMPS,
     DRIVES,
@@ -24,6 +24,7 @@ from studies.off_plane import (
 )
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.learning.by_wheel import ROLL_BIAS_SD
+from terrain_estimator.learning.observing import observed
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terrain_estimator.observation import Observation
 from terramechanics.effects import EFFECTS
@@ -205,7 +206,7 @@ def lines(
             kind, motion.yaw_rate, motion.lean, samples, constants, generator, shift,
             motion.surface(), effects,
         )  # fmt: skip
-        found = observed(rover, driven, strength, order, generator, effects, shift[0])[:drives]
+        found = observed(rover, driven, order, generator, effects, shift[0])[:drives]
         found = [motion.misread(drive, generator) for drive in found]
         if not motion.angles:
             found = [[without_angles(each) for each in drive] for drive in found]

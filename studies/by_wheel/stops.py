@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from studies.by_wheel.drives import SEED, model_by_wheel, observed
+from studies.by_wheel.drives import SEED, model_by_wheel
 from studies.by_wheel.motions import CONSTANTS_OFF
 from studies.off_plane import DRIVES, KINDS, SAMPLES, SOIL, first_stop, simulated
 from terrain_estimator.config.planner import AdviceConfig
+from terrain_estimator.learning.observing import observed
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terrain_estimator.observation import AXLE_FIELDS, Observation
 from terrain_estimator.planning.planner import Reason
@@ -65,11 +66,11 @@ def stop_lines(
         generator = torch.Generator().manual_seed(SEED)
         drawn = torch.rand(DRIVES, 6, generator=generator, dtype=torch.float64)
         constants = SOIL.constants() * (1.0 + CONSTANTS_OFF * (2.0 * drawn - 1.0))
-        driven, strength = simulated(kind, yaw_rate, 0.0, samples, constants, generator)
+        driven, _ = simulated(kind, yaw_rate, 0.0, samples, constants, generator)
         # a turn to the left: the right wheels, the last in the chassis, are outside
         slip = torch.stack([sample.slip[:, rover.axles :].mean(-1) for sample in driven], 1)
         outer = slip.unfold(1, WINDOW, 1).mean(-1).amax(-1).numpy()[:drives]
-        found = observed(rover, driven, strength, order, generator)[:drives]
+        found = observed(rover, driven, order, generator)[:drives]
         ends = [
             first_stop(model, statics, ((each, by_axle(each, axles)) for each in drive))
             for drive in found

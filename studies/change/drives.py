@@ -16,10 +16,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from studies.observations import observations_of
 from terrain_estimator.compiled.finding import load
 from terrain_estimator.config.estimator import AUTO, CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.learning.observing import observations_of
 from terrain_estimator.learning.tasks import BENCHMARK, random_ground
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.observation import Observation

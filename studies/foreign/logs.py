@@ -20,9 +20,8 @@ import yaml
 from numpy.typing import NDArray
 
 from docs.provenance import ROOT
-from rover_sim_node.turning_run import LATERAL_SD, YAW_RATE_SD
 from terramechanics.presets import load_rover
-from terramechanics.simulation.sensors import Noise
+from terramechanics.simulation.sensors import LATERAL_SD, YAW_RATE_SD, Noise
 from terramechanics.vehicle.rover import Rover
 
 STRAIGHT, TURNS = (ROOT / "bags" / "foreign" / name for name in ("logs", "turns"))

@@ -18,7 +18,6 @@ import numpy as np
 import torch
 from scipy.stats import norm
 
-from rover_sim_node.turning_run import LATERAL_SD, YAW_RATE_SD
 from studies.by_wheel.drives import model_of_soils
 from studies.by_wheel.motions import ANGLE_SD, without_angles
 from studies.command import study_parser
@@ -41,7 +40,7 @@ from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terrain_estimator.observation import Floats, Observation
 from terramechanics.presets import load_rover, load_soil, soil_names
-from terramechanics.simulation.sensors import Noise
+from terramechanics.simulation.sensors import LATERAL_SD, YAW_RATE_SD, Noise
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.wheel_places import WheelPlaces, wheel_order
 

@@ -28,10 +28,10 @@ from studies.independent_reference.posterior import (
     prior_moments,
     sample,
 )
-from studies.observations import observations_of
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.export import export
+from terrain_estimator.learning.observing import observations_of
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.learning.tasks import random_ground
 from terrain_estimator.model.loaded import LoadedModel

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from studies.observations import observations_of
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.config.planner import AdviceConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.departures import Family, largest_sizes
+from terrain_estimator.learning.observing import observations_of
 from terrain_estimator.learning.tasks import StrengthRange, degrees, random_ground, uniform
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.observation import Observation

@@ -13,7 +13,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from studies.observations import observations_of
 from studies.physics import physics_model
 from studies.robustness.worlds import (
     SECONDS,
@@ -26,6 +25,7 @@ from studies.robustness.worlds import (
 from terrain_estimator.compiled.finding import load
 from terrain_estimator.config.estimator import AUTO, CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.learning.observing import observations_of
 from terrain_estimator.learning.tasks import SOILS, random_ground
 from terrain_estimator.messaging.averaging import Averager, averaged
 from terrain_estimator.messaging.conversion import Conversion

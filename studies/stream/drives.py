@@ -18,10 +18,10 @@ from torch import Tensor
 
 from studies.accuracy.scores import FROM_PRIOR, observation_times, row_mask
 from studies.bound import Known, cramer_rao_at
-from studies.observations import observations_of
 from terrain_estimator.compiled.finding import load
 from terrain_estimator.config.estimator import AUTO, CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.learning.observing import observations_of
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.learning.tasks import Tasks, measure_tasks, random_ground
 from terrain_estimator.model.loaded import LoadedModel

@@ -18,7 +18,7 @@ from rover_sim_node.config import FOLLOW, GroundChange, SimulatorConfig, SoilOve
 from rover_sim_node.messages import step_messages
 from rover_sim_node.reading import SimulatedReading
 from rover_sim_node.run import SimulatedRun
-from rover_sim_node.turning_run import LATERAL_SD, YAW_RATE_SD, TurningRun
+from rover_sim_node.turning_run import TurningRun
 from rover_sim_node.twist_commands import SHARPEST
 from rover_sim_node.viewing import marker_message
 from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
@@ -29,6 +29,7 @@ from terrain_estimator.outcome import Outcome
 from terramechanics import presets
 from terramechanics.description.layout import track_width_of, wheel_centres
 from terramechanics.presets import load_rover
+from terramechanics.simulation.sensors import LATERAL_SD, YAW_RATE_SD
 from terramechanics.simulation.spatial import Plane
 from terramechanics.vehicle.stance import rotation
 

@@ -9,10 +9,10 @@ import torch
 from studies import lateral
 from studies.by_wheel import added, bound
 from studies.by_wheel.bound import BOUND_HEAD, SKID, bound_lines, information
-from studies.by_wheel.drives import observed
 from studies.by_wheel.motions import HEAD, Motion, lines, motions
 from studies.by_wheel.stops import STOP_HEAD, by_axle, stop_lines
 from studies.off_plane import KINDS
+from terrain_estimator.learning.observing import observed
 from terramechanics.vehicle.wheel_places import wheel_order
 from tests.hidden.sensing import Sensed
 from tests.turning_hidden import SKID as TURNING_SKID
@@ -48,8 +48,8 @@ def test_the_stops_of_turns_are_counted_by_the_slip_of_the_outer_wheels() -> Non
 
 
 def test_the_planner_takes_the_means_of_an_axle() -> None:
-    samples, strength = lateral.drive(0.6)
-    (found, *_), *_ = observed(SKID, samples, strength, range(4), torch.Generator().manual_seed(1))
+    samples, _ = lateral.drive(0.6)
+    (found, *_), *_ = observed(SKID, samples, range(4), torch.Generator().manual_seed(1))
     axles = by_axle(found, [0, 0, 1, 1])
     np.testing.assert_allclose(axles.slip, found.slip.reshape(2, 2).mean(1))
     assert axles.velocity == found.velocity
@@ -57,8 +57,8 @@ def test_the_planner_takes_the_means_of_an_axle() -> None:
 
 
 def test_the_constant_errors_of_a_drive_are_those_of_its_motion() -> None:
-    samples, strength = lateral.drive(0.6)
-    found = observed(SKID, samples, strength, range(4), torch.Generator().manual_seed(1))[0]
+    samples, _ = lateral.drive(0.6)
+    found = observed(SKID, samples, range(4), torch.Generator().manual_seed(1))[0]
     motion = Motion("", roll_sd=0.5, gain_sd=0.25)
     changed = motion.misread(found, torch.Generator().manual_seed(2))
     bias, gain = torch.randn(2, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
@@ -78,8 +78,8 @@ def test_a_table_has_each_motion_once() -> None:
 def test_every_wheel_is_measured_about_its_own_truth() -> None:
     """3 drives of 40 samples: 480 slips, whose errors are within 5 of their deviations."""
     assert wheel_order(SKID) == (0, 1, 2, 3)
-    samples, strength = lateral.drive(0.6)
-    found = observed(SKID, samples, strength, range(4), torch.Generator().manual_seed(1))
+    samples, _ = lateral.drive(0.6)
+    found = observed(SKID, samples, range(4), torch.Generator().manual_seed(1))
     true = torch.stack([sample.slip for sample in samples], 1).numpy()
     for drive, observations in enumerate(found):
         for step, each in enumerate(observations):

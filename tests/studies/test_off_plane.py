@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from studies import off_plane, turning_observations
+from studies import off_plane
 from studies.off_plane import BUMPS, DRIVES, KINDS, SOIL, drives, judge, stops
 from studies.physics import physics_model
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.config.planner import AdviceConfig
+from terrain_estimator.learning import observing
 from terrain_estimator.planning.planner import Reason
 from terrain_estimator.planning.solving import solve_statics
 from terrain_estimator.planning.table import TractionTable
@@ -42,7 +43,7 @@ def test_what_is_measured_of_a_turn_is_noisy_about_the_truth(
 ) -> None:
     """600 readings: their mean is within 4 deviations, their spread within 15 % (5 deviations)."""
     noisy, _ = drives(KINDS[1], 0.02, 0.0, SAMPLES)
-    monkeypatch.setattr(turning_observations, "YAW_RATE_SD", 0.0)
+    monkeypatch.setattr(observing, "YAW_RATE_SD", 0.0)
     exact, _ = drives(KINDS[1], 0.02, 0.0, SAMPLES)
     pairs = [both for drive in zip(noisy, exact, strict=True) for both in zip(*drive, strict=True)]
     errors = np.array([seen.yaw_rate - true.yaw_rate for seen, true in pairs])

@@ -23,6 +23,18 @@ def test_turns_are_used_live_and_the_replay_gives_the_same_bytes(
     estimator = start("terrain_estimator", "estimator", "--ros-args", "-p", f"model:={model}")
     recorder = start("terrain_estimator", "recorder", "--ros-args", "-p", f"output:={bag}")
     estimator.wait_for_output("ready: model four_wheel_rover_by_wheel", timeout=60.0)
+    assert "leave the ground to the prior" not in estimator.output
+    noisy = [f"default_sd.{each}:=5.0" for each in ("velocity", "lateral_velocity", "yaw_rate")]
+    poor = [f"model:={model}", *noisy, "default_sd.pitch:=1.0", "use_torque:=false"]
+    poor += ["use_moments:=false", "use_imu:=false"]
+    refused = start(
+        "terrain_estimator", "estimator", "--ros-args", "-r", "__node:=poor",
+        *(part for each in poor for part in ("-p", each)),
+    )  # fmt: skip
+    refused.wait_for_output("these sensors leave the ground to the prior", timeout=60.0)
+    assert "default_sd.yaw_rate: 5" in refused.output
+    assert "ready" not in refused.output
+    assert refused.interrupt() == 0
     estimates = listener.collect(TerrainEstimate, "terrain_estimate")
     given = (
         "rover:=four_wheel_rover",

@@ -6,7 +6,7 @@ from functools import cache
 
 import torch
 
-from studies.observations import observations_of
+from terrain_estimator.learning.observing import observations_of
 from terrain_estimator.observation import Observation
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import simulate

@@ -19,6 +19,8 @@ from terrain_estimator.files.results import adding
 from terrain_estimator.learning.adding import Sized, add_effects
 from terrain_estimator.model.metadata import DEFAULT_MODEL, ModelFileError
 from terrain_estimator.model.model_file import load_model
+from terrain_estimator.offline.reference_drives import ENDING as DRIVE
+from terrain_estimator.offline.reference_drives import copy_drives
 
 WRONG = 2
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
@@ -70,8 +72,10 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         effects = [sized(text) for text in options.effect]
         out: Path = options.out
-        with adding(out.parent, out.name, out.with_suffix(".json").name) as new:
+        names = out.name, out.with_suffix(".json").name, out.stem + DRIVE
+        with adding(out.parent, *names) as new:
             metadata = add_effects(load_model(options.model), effects, new / out.name)
+            copy_drives(options.model, metadata, new / names[-1])
     except (ConfigError, ModelFileError, OSError) as error:
         sys.stderr.write(f"add_effect: {error}\n")
         return WRONG

@@ -3,8 +3,8 @@
 """export_core MODEL FOLDER: write a model as plain C++ that needs neither torch nor ROS.
 
 The folder has the source, its C header, a CMakeLists.txt, a test of it, and the statics of the
-planner. --build puts a compiled core, the statics and the rover's reference drives beside the
-model, where the nodes find them.
+planner. --build puts a compiled core and the statics beside the model, where the nodes find them,
+and the rover's reference drives where the model has none.
 
 Exit codes: 0 done; 2 the model cannot be written as C++, or the folder is not empty.
 """
@@ -18,9 +18,9 @@ from terrain_estimator.compiled.graphs import UntranslatableError
 from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.reference_drives import measured_drives
-from terrain_estimator.model.metadata import Metadata, ModelFileError, model_path, read_metadata
-from terrain_estimator.offline import reference_drives
+from terrain_estimator.model.metadata import ModelFileError, model_path, read_metadata
 from terrain_estimator.offline.reference_drives import ENDING as DRIVE
+from terrain_estimator.offline.reference_drives import reference_drives, write_drives
 from terrain_estimator.planning.solving import solve_statics
 from terrain_estimator.planning.statics import ENDING, write_statics
 
@@ -51,20 +51,15 @@ def main(argv: list[str] | None = None) -> int:
         )
         if args.build:
             shutil.copyfile(statics, model.with_name(statics.name))
-            if not metadata.wheels and len({soil.law for soil in metadata.soils}) == 1:
-                write_drives(model.with_name(metadata.rover.name + DRIVE), metadata)
+            if not reference_drives(model, metadata):
+                drives = measured_drives(metadata)
+                write_drives(model.with_name(model.stem + DRIVE), metadata, drives)
             for end, flags in flags_by_end().items():
                 build_core(args.folder, model.with_suffix(end), *flags)
     except (ModelFileError, UntranslatableError, BuildError, OSError) as error:
         return _refuse(str(error))
     print(f"{args.folder}: {model.name} as C++")
     return 0
-
-
-def write_drives(path: Path, metadata: Metadata) -> None:
-    """Simulate and write the reference drives of a model's rover. Raises OSError."""
-    soils = {soil.name: soil for soil in metadata.soils}
-    reference_drives.write_drives(path, metadata.rover, soils, measured_drives(metadata))
 
 
 def _refuse(why: str) -> int:

@@ -10,10 +10,11 @@ For single-wheel measurements see find_missing_effect --wheel-table FILE.csv --h
 
 import argparse
 import dataclasses
+import gc
 import random
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,6 @@ from typing import Any
 import torch
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.cli import single_wheel
 from terrain_estimator.console.arguments import (
     WORKERS,
     add_search_options,
@@ -54,7 +54,7 @@ from terrain_estimator.learning.finding_model import (
     prior_of,
     write_model,
 )
-from terrain_estimator.model.metadata import ModelFileError
+from terrain_estimator.model.metadata import ModelFileError, read_metadata
 from terrain_estimator.offline.bag_options import BagOptions, add_options, reading_of
 from terrain_estimator.offline.cluster import ClusterError
 from terrain_estimator.offline.digest import code_sha256
@@ -72,6 +72,8 @@ from terrain_estimator.offline.finding_content import finding_content, finding_s
 from terrain_estimator.offline.finding_file import FINDING, asked, provenance, write_finding
 from terrain_estimator.offline.pieces import Pieces
 from terrain_estimator.offline.reading_runs import TAKE_DAMAGED
+from terrain_estimator.offline.reference_drives import ENDING as DRIVE
+from terrain_estimator.offline.reference_drives import copy_drives
 from terrain_estimator.offline.revised_soils import SOILS, write_soils
 from terrain_estimator.offline.run_soils import SOIL, RunSoils, run_soils
 from terrain_estimator.offline.summary import write_summary
@@ -85,6 +87,7 @@ DIVISIONS = 1000
 """Choices of held-out runs until every soil is searched; the last one where none is such."""
 ROVER = "mars_rover"
 MODEL = "model.pt"
+_MODEL_FILES = (MODEL, "model.json", "model" + DRIVE)
 SEARCH = "search.json"
 """What an unfinished search on a cluster was asked; beside its finished pieces."""
 
@@ -96,8 +99,15 @@ class InputError(ValueError):
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Investigate the runs that the command line names; return the exit code."""
-    arguments = sys.argv[1:] if arguments is None else arguments
+    if arguments is None:  # this process is for the command alone
+        arguments = sys.argv[1:]
+        # What is loaded stays to the end. To look through torch's modules for garbage takes a tenth
+        # of a short search.
+        gc.freeze()
     if any(each.partition("=")[0] == "--wheel-table" for each in arguments):
+        # what it takes to load would be a twentieth of a search of drives
+        from terrain_estimator.cli import single_wheel  # noqa: PLC0415
+
         return single_wheel.main(arguments)
     return search(search_parser().parse_args(arguments))
 
@@ -159,6 +169,7 @@ def search(options: argparse.Namespace) -> int:
             model = write_model(
                 outcome.finding, nominal.rover, base, options.out / MODEL, new / MODEL
             )
+            _copy_drives(base, new)
             soils_found = write_soils(outcome, new)
         if pieces is not None:
             pieces.end()
@@ -250,7 +261,7 @@ def _model_note(rover: Rover, base: str) -> str:
 def _results(base: str, out: Path) -> tuple[str, ...]:
     """Return the names of the files to write: not the model's where that is the one to extend."""
     extended = base and Path(base).resolve() == (out / MODEL).resolve()
-    return (*FINDING, SOILS) if extended else (*FINDING, SOILS, MODEL, "model.json")
+    return (*FINDING, SOILS) if extended else (*FINDING, SOILS, *_MODEL_FILES)
 
 
 def search_parser(name: str = "find_missing_effect") -> argparse.ArgumentParser:
@@ -345,6 +356,14 @@ def _refuse_soils_of_the_results(soils: RunSoils, out: Path) -> None:
                 f"{option} {name}: it is a result of {out}, which this search replaces: give"
                 " another --out, or copy the file"
             )
+
+
+def _copy_drives(base: str, new: Path) -> None:
+    """Copy the reference drives of the extended model to the folder of a new one, if any."""
+    _, described, drives = (new / name for name in _MODEL_FILES)
+    if described.exists():
+        with suppress(ModelFileError):  # a damaged file of drives costs no search
+            copy_drives(base, read_metadata(described), drives)
 
 
 def _divided(options: argparse.Namespace, soils: RunSoils) -> tuple[list[Path], list[Path]]:

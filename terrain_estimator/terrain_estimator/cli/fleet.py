@@ -52,6 +52,7 @@ from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.metadata import ModelFileError
 from terrain_estimator.offline.bag_options import add_options, node_config
 from terrain_estimator.offline.cluster import ClusterError, cluster
+from terrain_estimator.offline.reference_drives import judge_sensors
 from terrain_estimator.offline.summary import write_summary
 from terrain_estimator.offline.topic_mapping import TopicError, bag_topics
 
@@ -79,6 +80,9 @@ def _replay(options: Namespace) -> int:
         names = bag_topics(options.remap, options.namespace)
         rover_of(model.metadata, config.rover)
         Beliefs.of(model.metadata, config.core)
+        _, doubt = judge_sensors(model, config)
+        if doubt:
+            _say(doubt)
         settings = Settings(config, names, model.sha256)
         identity = _identity(sources, settings, model)
         return _replay_all(options, sources, settings, identity)

@@ -5,7 +5,7 @@
 It is the rover's physics alone, so that nothing is trained. The estimator takes it as any model and
 then uses turns, cross slopes, skid steering and backing out, where a model by axle refuses them.
 It needs lateral velocity, yaw rate and roll, and of every wheel the rate, and the sinkage or the
-torque.
+torque. Beside it lie reference drives of the rover, by which the estimator judges its sensors.
 
 Exit codes: 0 written and checked; 2 an argument, rover or soil file is wrong.
 """
@@ -24,8 +24,11 @@ from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.files.results import ResultFolder
 from terrain_estimator.learning.by_wheel import build_model_by_wheel
 from terrain_estimator.learning.export import check_export, export
+from terrain_estimator.learning.reference_drives import measured_drives
 from terrain_estimator.model.metadata import ModelFileError, Training
 from terrain_estimator.model.prior import DEFAULT_PRIOR
+from terrain_estimator.offline.reference_drives import ENDING as DRIVE
+from terrain_estimator.offline.reference_drives import write_drives
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.wheel_places import WheelPlaces
@@ -123,10 +126,11 @@ def write(args: Namespace, rover: Rover) -> Path:
     model = build_model_by_wheel(rover, places, soils, prior, tuple(filter(None, torque_sd)))
     name = f"{rover.name}_by_wheel"
     folder = ResultFolder(args.out)
-    with folder.renewing(f"{name}.pt", f"{name}.json") as new:
+    with folder.renewing(f"{name}.pt", f"{name}.json", f"{name}{DRIVE}") as new:
         nothing_learnt = Training(seed=0, iterations=0, loss=0.0, torch_version=torch.__version__)
         metadata = export(model, rover, soils, nothing_learnt, new / f"{name}.pt", places)
         check_export(model, new / f"{name}.pt", watched_drive(metadata)[:_CHECKED])
+        write_drives(new / f"{name}{DRIVE}", metadata, measured_drives(metadata))
     return Path(args.out, f"{name}.pt")
 
 

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """train: export the model of a rover on soils, and check the file.
 
-The model is the physics of rover and soils, which takes seconds. With --columns it has learnt
+The model is the physics of rover and soils, which takes seconds. Beside it lie reference drives of
+the rover, by which the estimator judges its sensors. With --columns it has learnt
 features, too: drives are simulated and a net is trained on them, in one and a half minutes of
 processor time. Its file is called ROVER_with_net.
 """
@@ -26,6 +27,7 @@ from terrain_estimator.learning.departures import HIDDEN
 from terrain_estimator.learning.export import check_export, export
 from terrain_estimator.learning.generation import Chunk, Order, Spread, generate
 from terrain_estimator.learning.loss import Orthogonality
+from terrain_estimator.learning.reference_drives import measured_drives
 from terrain_estimator.learning.regression import Regression
 from terrain_estimator.learning.tasks import BENCHMARK, PAPER, ROVERS, SOILS, draw_tasks
 from terrain_estimator.learning.training import Progress, Recipe, build_model, train
@@ -33,12 +35,14 @@ from terrain_estimator.model.metadata import Metadata, ModelFileError, Training
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior
 from terrain_estimator.offline.cluster import cluster
+from terrain_estimator.offline.reference_drives import ENDING as DRIVE
+from terrain_estimator.offline.reference_drives import write_drives
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 
-_ENDINGS = (".pt", ".json")
-"""Endings of the two files of a model."""
+_ENDINGS = (".pt", ".json", DRIVE)
+"""Endings of the files of a model: module, description, reference drives."""
 _CHECKED_OBSERVATIONS = 50
 _SMOOTHED = 20  # iterations behind the loss in the metadata
 _LARGEST_CONSTANTS_SD = 0.2  # of the soil's value: beyond it, columns are far from linear
@@ -372,7 +376,7 @@ def _write(
     models: ResultFolder,
     name: str,
 ) -> Metadata:
-    """Export a model and check its file; one that fails the check replaces no other."""
+    """Export a model with its reference drives; one that fails the check replaces no other."""
     fresh = draw_tasks(
         rover,
         soils[0],
@@ -384,6 +388,7 @@ def _write(
     with models.renewing(*(f"{name}{ending}" for ending in _ENDINGS)) as new:
         metadata = export(model, rover, soils, training, new / f"{name}.pt")
         check_export(model, new / f"{name}.pt", fresh.measured[0])
+        write_drives(new / f"{name}{DRIVE}", metadata, measured_drives(metadata))
     return metadata
 
 

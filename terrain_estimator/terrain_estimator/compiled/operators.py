@@ -182,6 +182,7 @@ WRITERS: dict[str, Writer] = {
     "aten::minimum": _call("minimum", 2),
     "aten::hypot": lambda a, b: f"sqrt(add(square({a}), square({b})))",
     "aten::maximum": _call("maximum", 2),
+    "aten::atan2": _call("atan2", 2),
     "aten::pow.Tensor_Scalar": _call("pow", 2),
     "aten::pow.Tensor_Tensor": _call("pow", 2),
     "aten::igamma": _call("igamma", 2),

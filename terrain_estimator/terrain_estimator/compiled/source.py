@@ -17,7 +17,7 @@ from terrain_estimator.model.model_file import checked_model, load_model
 from terrain_estimator.model.packed_observation import GROUPS, TIMING
 from terrain_estimator.model.packing import pack_measurement, view_of, with_slip, without_link
 from terrain_estimator.model.torchscript import running
-from terramechanics.simulation.sensors import Noise, measure_drive
+from terramechanics.simulation.sensors import LATERAL_SD, YAW_RATE_SD, Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.vehicle.wheel_places import wheel_order
@@ -38,8 +38,8 @@ RECORDED_S = 7.0
 WATCHED_S = 20.0
 """[s] Length of the drive that is watched for sizes: until hypotheses have become fewer."""
 
-_ASIDE, _TURN, _LEAN = 0.005, 0.003, 0.005
-"""[m/s], [rad/s], [rad] Deviations of lateral velocity, yaw rate and roll."""
+_LEAN = 0.005
+"""[rad] Deviation of the roll."""
 
 HEAD = """\
 // Made from {name}.pt by terrain_estimator.compiled; do not edit.
@@ -135,12 +135,12 @@ def _packed_drive(metadata: Metadata, seconds: float) -> Tensor:
     ground = Ground([Patch(soil.constants().unsqueeze(0), strength, name=soil.name, law=soil.law)])
     drive = simulate(metadata.rover, ground, "S1", seconds, generator, 1)
     packed = pack_measurement(measure_drive(metadata.rover, drive.seen, Noise(), generator))[0]
-    place = packed.shape[1] - TIMING  # the rates stand before what is of the time
     rates = drive.sample.wheel_rate[0].expand(-1, metadata.rover.axles)
-    if metadata.effects:
-        packed = torch.cat([packed[:, :place], rates, packed[:, place:]], 1)
     if metadata.wheels:
-        packed = _by_wheel(metadata, packed, rates, generator)
+        return _by_wheel(metadata, packed, rates, generator)
+    if metadata.effects:
+        place = packed.shape[1] - TIMING  # the rates stand before what is of the time
+        packed = torch.cat([packed[:, :place], rates, packed[:, place:]], 1)
     return packed
 
 
@@ -154,7 +154,7 @@ def _by_wheel(
     wheels = packed[:, :first].reshape(-1, GROUPS, rover.axles)[:, :, axles].flatten(1)
     rims = rover.wheel_radius * rates[:, axles]
     noise = torch.randn(len(packed), 3, generator=generator, dtype=torch.float64)
-    spreads = torch.tensor([_ASIDE, _TURN, _LEAN], dtype=torch.float64).expand_as(noise)
+    spreads = torch.tensor([LATERAL_SD, YAW_RATE_SD, _LEAN], dtype=torch.float64).expand_as(noise)
     lateral, turn, roll = (noise * spreads).unbind(1)
     of_lateral, of_turn, of_roll = spreads.unbind(1)
     moved = torch.stack([lateral, of_lateral, turn, of_turn, roll, of_roll], 1)

@@ -63,13 +63,14 @@ def bounds_of(model: LoadedModel, config: EstimatorConfig, drives: Drives) -> Se
         prior_tan_phi_sd=0.0,
         forgetting_time=0.0,
     )
+    noise = config.conversion.of_model(by_wheel=bool(model.metadata.wheels))
     known = [soil.name for soil in model.metadata.soils]
     asked = [config.core.prior_soil] if config.core.prior_soil else known
     bounds, length = {}, 0
     for soil in asked:
         if soil in drives:
             estimator = Estimator(model, dataclasses.replace(plain, prior_soil=soil))
-            measured = [_with_noise(each, config.conversion) for each in drives[soil]]
+            measured = [_with_noise(each, noise) for each in drives[soil]]
             bounds[soil], length = _bound(estimator, model, measured), len(measured)
     return SensorBounds(bounds, length * model.metadata.step_s)
 
@@ -102,13 +103,15 @@ def _with_noise(observation: Observation, config: ConversionConfig) -> Observati
         velocity_sd=config.default_velocity_sd or observation.velocity_sd,
         pitch_sd=config.default_pitch_sd or observation.pitch_sd,
         acceleration_sd=config.default_acceleration_sd or observation.acceleration_sd,
+        lateral_velocity_sd=config.default_lateral_velocity_sd or observation.lateral_velocity_sd,
+        yaw_rate_sd=config.default_yaw_rate_sd or observation.yaw_rate_sd,
     )
 
 
 def doubt_of(sensors: SensorBounds, config: EstimatorConfig) -> str:
     """Return a warning where the sensors tell too little on some soils; empty where on none.
 
-    Raises ConfigError where they do on every soil.
+    Raises ConfigError where they do on every soil, unless site knowledge says what tan phi is.
     """
     if not sensors.poor:
         return ""
@@ -117,12 +120,15 @@ def doubt_of(sensors: SensorBounds, config: EstimatorConfig) -> str:
         f"in a reference drive of {sensors.seconds:g} s the bound of tan phi, at most"
         f" {LARGEST_BOUND:g} of the prior's deviation, is {numbers}; {_named(config)}"
     )
-    if len(sensors.poor) == len(sensors.bounds):
-        raise ConfigError(
-            f"these sensors leave the ground to the prior: {found}: switch a sensor on, or state"
-            " less noise where a sensor has less"
-        )
-    return f"on some soils these sensors leave the ground to the prior: {found}"
+    if len(sensors.poor) < len(sensors.bounds):
+        return f"on some soils these sensors leave the ground to the prior: {found}"
+    if config.core.prior_tan_phi_sd:
+        return f"these sensors leave the ground to your prior.tan_phi_mean: {found}"
+    raise ConfigError(
+        f"these sensors leave the ground to the prior: {found}: switch a sensor on, state less"
+        " noise where a sensor has less, or say what the ground is by prior.tan_phi_mean and"
+        " prior.tan_phi_sd"
+    )
 
 
 def _number(bound: float) -> str:
@@ -149,6 +155,8 @@ def _named(config: EstimatorConfig) -> str:
         "default_velocity_sd": "default_sd.velocity",
         "default_pitch_sd": "default_sd.pitch",
         "default_acceleration_sd": "default_sd.acceleration",
+        "default_lateral_velocity_sd": "default_sd.lateral_velocity",
+        "default_yaw_rate_sd": "default_sd.yaw_rate",
     }
     said += [
         f"{key}: {getattr(noise, name):g}"

@@ -291,6 +291,11 @@ def judge_runtime(runtime: str, why: str, configuration_sha256: str) -> CheckRes
     return replace(RUNTIME.judge(1.0 if why else 0.0, text=text), details=details)
 
 
+NOT_CHECKED = (
+    "sensors not checked: the model has no reference drives: make it anew, or copy its .drive.npz"
+)
+
+
 def judge_information(largest: float, bounds: Mapping[str, float], doubt: str) -> CheckResult:
     """Tell what the configured sensors tell of tan phi.
 
@@ -299,7 +304,7 @@ def judge_information(largest: float, bounds: Mapping[str, float], doubt: str) -
         bounds: the bound on each soil [prior deviations].
         doubt: what is too little, in words; empty where nothing is.
     """
-    text = doubt or ("" if bounds else "the rover has no reference drive to judge its sensors by")
+    text = doubt or ("" if bounds else NOT_CHECKED)
     details = tuple((f"bound {soil}", f"{bound:.2g}") for soil, bound in bounds.items())
     return replace(SENSORS.judge(largest, text=text), details=details)
 

@@ -41,6 +41,8 @@ class Noise:
 
 LEAST_FACTOR = 1e-3
 """[1] Least factor of the published deviations: none is zero."""
+LATERAL_SD, YAW_RATE_SD = 0.005, 0.003
+"""[m/s], [rad/s] Deviations of the lateral velocity and of the gyroscope."""
 
 
 def per_wheel(rover: Rover, sample: Sample) -> Sample:

@@ -49,3 +49,20 @@ def ackermann_twist(chassis: Chassis, speed: Tensor, yaw_rate: Tensor) -> Tensor
     """
     rear = min(chassis.wheel_x)
     return torch.stack([speed, -rear * yaw_rate, yaw_rate], -1)
+
+
+def partly_steered_command(
+    chassis: Chassis, speed: Tensor, yaw_rate: Tensor, steered: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Return the command of wheels of which those with a flag in ``steered`` [wheels] are steered.
+
+    The others stay straight, and the centre of turn lies beside their middle: where they are of one
+    axle none slides aside. ``speed`` [m/s] and ``yaw_rate`` [rad/s] are [...].
+    """
+    straight = torch.tensor(chassis.wheel_x, dtype=speed.dtype)[~steered]
+    beside = straight.mean() if len(straight) else torch.zeros((), dtype=speed.dtype)
+    twist = torch.stack([speed, -beside * yaw_rate, yaw_rate], -1)
+    rim, angle = steered_command(chassis, twist)
+    return torch.where(steered, rim, skid_command(chassis, twist)[0]), torch.where(
+        steered, angle, 0.0
+    )

@@ -16,6 +16,7 @@ from terrain_estimator.cli.find_missing_effect import main
 from terrain_estimator.learning.finding_model import installed_model, write_model
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.row_names import row_names
+from terrain_estimator.offline.reference_drives import reference_drives
 from terramechanics.presets import load_rover
 from tests.hidden.cases import Plan, draw_cases
 from tests.hidden.sealing import seal
@@ -36,7 +37,10 @@ def test_a_drag_of_the_drives_is_named_with_its_size_and_written_to_a_file(
     )
     finding = json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))
     assert finding["verdict"] == "named"
-    assert [each.name for each in load_model(str(tmp_path / "model.pt")).effects] == ["drive_drag"]
+    model = load_model(str(tmp_path / "model.pt"))
+    assert [each.name for each in model.effects] == ["drive_drag"]
+    assert list(reference_drives(tmp_path / "model.pt", model.metadata))
+    assert (tmp_path / "model.drive.npz").is_file()
     effect = finding["effects"][0]
     assert effect["name"] == "drive_drag"
     assert effect["unit"] == "N m s/rad"

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 import torch
 
-from studies.by_wheel.drives import observed
 from terrain_estimator.bags import BagWriter
 from terrain_estimator.cli import find_missing_effect
 from terrain_estimator.cli.find_missing_effect import main
@@ -24,6 +23,7 @@ from terrain_estimator.importing.mapping import (
 )
 from terrain_estimator.importing.messages import SampleWriter
 from terrain_estimator.importing.samples import MeasuredValue, TableSample
+from terrain_estimator.learning.observing import observed
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.row_names import row_names_by_wheel
 from terrain_estimator.observation import Observation
@@ -40,13 +40,11 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Return bags of drives of a skid-steer whose drives have dry friction."""
     generator, rover = torch.Generator().manual_seed(SEED), SKID.rover
     hidden = DryBearing(torch.full((DRIVES,), TORQUE, dtype=torch.float64))
-    samples, strength, plant = driven(SKID, hidden, DRIVES, SECONDS, generator)
+    samples, _, plant = driven(SKID, hidden, DRIVES, SECONDS, generator)
     order = [chassis_places(rover)[k] for k in wheel_order(rover)]
     folder = tmp_path_factory.mktemp("turning")
     found = []
-    for number, drive in enumerate(
-        observed(rover, samples, strength, order, generator, plant), start=1
-    ):
+    for number, drive in enumerate(observed(rover, samples, order, generator, plant), start=1):
         found.append(str(folder / f"run_{number}"))
         with BagWriter(found[-1]) as writer:
             SampleWriter(writer, mapping()).write_all(map(sample, range(len(drive)), drive))

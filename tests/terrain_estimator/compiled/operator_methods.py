@@ -104,8 +104,8 @@ class Operators(nn.Module):
         four = torch.stack([x, y]).movedim(0, -1)
         least = max(self.scale, 0.05)
         return torch.cat(
-            [torch.hypot(x, y).flatten(), ahead.to(x.dtype).flatten(), four.flatten(),
-             x.clamp(min=least).flatten()]
+            [torch.hypot(x, y).flatten(), torch.atan2(x, y).flatten(), ahead.to(x.dtype).flatten(),
+             four.flatten(), x.clamp(min=least).flatten()]
         )  # fmt: skip
 
     @torch.jit.export

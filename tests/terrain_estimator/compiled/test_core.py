@@ -21,6 +21,7 @@ from terrain_estimator.compiled.runtime import CompiledRuntime
 from terrain_estimator.compiled.source import answers, recorded_drive
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.learning.adding import Sized, add_effects
 from terrain_estimator.learning.by_wheel import build_model_by_wheel
 from terrain_estimator.learning.export import export
 from terrain_estimator.model.loaded import LoadedModel
@@ -268,23 +269,31 @@ def _only_beside(path: Path, sha256: str) -> None:
         find_core(path, sha256)
 
 
-def by_wheel(folder: Path) -> Path:
-    """Write a model of six free wheels with a gain of the torques."""
+def by_wheel(folder: Path, torque_sd: tuple[float, ...] = (0.1,)) -> Path:
+    """Write a model of six free wheels, with a gain of the torques unless there is no deviation."""
     rover, soil, path = load_rover("mars_rover"), load_soil("loose_sand"), folder / "by_wheel.pt"
     places = WheelPlaces.of(rover, 1.0, rover.wheel_names)
-    model = build_model_by_wheel(rover, places, [soil], torque_sd=(0.1,))
+    model = build_model_by_wheel(rover, places, [soil], torque_sd=torque_sd)
     export(model, rover, [soil], Training(0, 0, 0.0, torch.__version__), path, places)
     return path
 
 
-@pytest.mark.parametrize("kind", ["mars_rover", "four_wheels", "by_wheel"])
+def by_wheel_with_effect(folder: Path) -> Path:
+    """Write a model of six free wheels with a wedge of soil ahead of each."""
+    plain, path = load_model(str(by_wheel(folder, ()))), folder / "with_effect.pt"
+    add_effects(plain, [Sized.of_library("bulldozing")], path)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["mars_rover", "four_wheels", "by_wheel", "by_wheel_with_effect"])
 def test_an_exported_folder_builds_and_checks_itself(
     folder: Path, four_wheels: tuple[Path, Path], tmp_path: Path, kind: str
 ) -> None:
     """Of a model that ships, of one with two axles and without a joint, and of single wheels."""
     place, name = tmp_path / "core", kind
-    if kind == "by_wheel":
-        name = str(by_wheel(tmp_path))
+    if kind.startswith("by_wheel"):
+        path = by_wheel(tmp_path) if kind == "by_wheel" else by_wheel_with_effect(tmp_path)
+        name = str(path)
         assert export_core.main([name, str(place)]) == 0
     elif kind == "four_wheels":
         name = str(four_wheels[0])

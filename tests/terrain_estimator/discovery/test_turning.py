@@ -15,7 +15,7 @@ import pytest
 import torch
 
 from rover_parameters.records import ConfigError
-from studies.by_wheel.drives import model_by_wheel, observed
+from studies.by_wheel.drives import model_by_wheel
 from studies.off_plane import SOIL
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.discovery.evidence.isolability import isolability
@@ -34,6 +34,7 @@ from terrain_estimator.discovery.report.investigation import investigate_as_told
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.adding import Sized, add_effects
+from terrain_estimator.learning.observing import observed
 from terrain_estimator.model.body_motion import body_motion, safe_motion
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.model_file import load_model
@@ -176,9 +177,9 @@ def test_a_model_by_wheel_with_an_effect_loads_and_estimates_its_size_in_turns(
 ) -> None:
     generator = torch.Generator().manual_seed(ONLINE_SEED)
     drag = DryBearing(torch.full((1,), TORQUE, dtype=torch.float64))
-    samples, strength, plant = driven(SKID, drag, 1, 10.0, generator)
+    samples, _, plant = driven(SKID, drag, 1, 10.0, generator)
     order = [chassis_places(SKID.rover)[k] for k in wheel_order(SKID.rover)]
-    (drive,) = observed(SKID.rover, samples, strength, order, generator, plant)
+    (drive,) = observed(SKID.rover, samples, order, generator, plant)
     add_effects(plain, [Sized("coulomb_drag", TORQUE, 0.5 * TORQUE)], tmp_path / "dragged.pt")
     model = load_model(str(tmp_path / "dragged.pt"))
     assert [each.name for each in model.effects] == ["coulomb_drag"]
@@ -208,7 +209,7 @@ def test_lugs_on_steered_wheels_do_not_lead_a_model_with_grousers_astray(
     samples, strength, plant = driven(STEERED, effect, 12, 30.0, generator)
     order = [chassis_places(rover)[k] for k in wheel_order(rover)]
     noise = torch.Generator().manual_seed(LUG_SEED + 1)
-    drives = observed(rover, samples, strength, order, noise, plant)
+    drives = observed(rover, samples, order, noise, plant)
     known = model_by_wheel(rover, STEERED.places, prior, tmp_path / "plain.pt")
     add_effects(known, [Sized("grousers", 0.0, PRIOR_THRUST)], tmp_path / "lugs.pt")
     model = load_model(str(tmp_path / "lugs.pt"))

@@ -12,9 +12,9 @@ import torch
 
 from rover_parameters.records import ConfigError
 from studies.change.drives import Change, drive_over, places_of
-from studies.observations import STEP_NS, observations_of
 from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
 from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.learning.observing import STEP_NS, observations_of
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.loaded import LoadedModel

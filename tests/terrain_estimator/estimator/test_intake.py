@@ -9,13 +9,13 @@ import math
 import numpy as np
 import pytest
 
-from studies.observations import STEP_NS
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.estimator.intake import FEWEST, WINDOW, mostly_refused
 from terrain_estimator.estimator.persistence import FEWEST as FEWEST_CHANGES
 from terrain_estimator.estimator.persistence import Persistence
 from terrain_estimator.intervals import HALF_WIDTH_95
+from terrain_estimator.learning.observing import STEP_NS
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Observation

@@ -12,9 +12,9 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from studies.observations import observations_of
 from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
 from terrain_estimator.estimator.screening import screen
+from terrain_estimator.learning.observing import observations_of
 from terrain_estimator.messaging.averaging import Averager, RateCounts, Treatment, averaged
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import Answer, Pipeline

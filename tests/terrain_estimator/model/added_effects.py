@@ -19,11 +19,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from studies.observations import observations_of
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.learning.adding import Sized, add_effects
+from terrain_estimator.learning.observing import observations_of
 from terrain_estimator.model.effects import LAWS
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.model_file import load_model

@@ -11,10 +11,10 @@ import pytest
 import torch
 
 from rover_parameters.records import ConfigError
-from studies.observations import observations_of
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.adding import Sized, add_effects, with_effects
+from terrain_estimator.learning.observing import observations_of
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.tasks import measure_tasks
 from terrain_estimator.model.effects import LAWS, NOT_ONLINE

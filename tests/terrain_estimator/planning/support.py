@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import torch
 
-from studies.observations import observations_of
+from terrain_estimator.learning.observing import observations_of
 from terrain_estimator.model.metadata import MODELS, read_metadata
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.belief import Belief

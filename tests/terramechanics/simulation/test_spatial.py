@@ -19,7 +19,12 @@ from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.profile import Hills
 from terramechanics.terrain.surface import Waves, random_waves
 from terramechanics.vehicle.chassis import Chassis
-from terramechanics.vehicle.steering import ackermann_twist, skid_command, steered_command
+from terramechanics.vehicle.steering import (
+    ackermann_twist,
+    partly_steered_command,
+    skid_command,
+    steered_command,
+)
 
 ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")
 FOUR = Chassis(
@@ -265,6 +270,22 @@ def test_with_fixed_rear_wheels_the_rear_axle_rolls_on_its_heading() -> None:
     assert bool((rim > 0.0).all())
     last = driven(FOUR, twist.expand(15, 1, 3), steered_command)[-1]
     assert 0.1 < float(last.velocity[0, 2]) < 0.2
+
+
+def test_wheels_that_nothing_steers_stay_straight_and_the_others_roll_about_their_axle() -> None:
+    speed, turn = numbers(0.2), numbers(0.2)
+    none, front = torch.zeros(4, dtype=torch.bool), torch.tensor(FOUR.wheel_x) > 0.0
+    twist = torch.stack([speed, torch.zeros_like(speed), turn], -1)
+    for steered, (rims, angles) in (
+        (none, skid_command(FOUR, twist)),
+        (~none, steered_command(FOUR, twist)),
+        (front, steered_command(FOUR, ackermann_twist(FOUR, speed, turn))),
+    ):
+        rim, angle = partly_steered_command(FOUR, speed, turn, steered)
+        torch.testing.assert_close(rim, rims)
+        torch.testing.assert_close(angle, angles)
+    one = torch.tensor([True, False, False, False])
+    assert int((partly_steered_command(FOUR, speed, turn, one)[1] != 0.0).sum()) == 1
 
 
 def test_a_steady_turn_stays_as_it_is_settled() -> None:

@@ -19,8 +19,8 @@ from terrain_estimator.compiled.graphs import Anything
 
 _SAME = [
     "add", "sub", "mul", "div", "lt", "le", "gt", "ge", "eq", "ne", "remainder", "minimum",
-    "maximum", "neg", "abs", "sign", "square", "reciprocal", "sqrt", "tan", "erfc", "floor",
-    "isfinite", "isnan", "isinf", "logical_not",
+    "maximum", "neg", "abs", "sign", "square", "reciprocal", "sqrt", "tan", "atan2", "erfc",
+    "floor", "isfinite", "isnan", "isinf", "logical_not",
 ]  # fmt: skip
 _NAMES = {name: name for name in _SAME} | {
     "__and__": "logical_and", "__or__": "logical_or", "where": "where", "addcmul": "addcmul",

@@ -25,8 +25,8 @@ from terrain_estimator.compiled.graphs import Anything
 _OPERATORS: dict[str, Callable[[Writer, Step], None]] = ELEMENTS | REDUCTIONS | COPIES | ALGEBRA
 """What writes an operator, by its name."""
 _INEXACT = (
-    "exp", "expm1", "log", "sin", "cos", "tan", "asin", "tanh", "erfc", "pow", "igamma", "sum",
-    "mean", "matmul", "dot", "mv", "softmax",
+    "exp", "expm1", "log", "sin", "cos", "tan", "asin", "atan2", "tanh", "erfc", "pow", "igamma",
+    "sum", "mean", "matmul", "dot", "mv", "softmax",
 )  # fmt: skip
 """Operators that torch and the C++ may round in different ways."""
 

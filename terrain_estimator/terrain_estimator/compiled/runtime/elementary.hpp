@@ -34,6 +34,7 @@ constexpr double kRounder = 6755399441055744.0;
 constexpr double kLn2High = 0x1.62e42fefa38p-1, kLn2Low = 0x1.ef35793c7673p-45;
 constexpr double kHalfPiHigh = 0x1.921fb544p+0, kHalfPiMid = 0x1.0b4611a6p-34;
 constexpr double kHalfPiLow = 0x1.3198a2e037073p-69;
+constexpr double kHalfPi = 0x1.921fb54442d18p+0;
 
 TERRAIN_INLINE uint64_t bits(double x) {
   uint64_t b;
@@ -203,6 +204,20 @@ TERRAIN_INLINE double asin(double x) {
   t = t / (1.0 + std::sqrt(1.0 + t * t));
   t = t / (1.0 + std::sqrt(1.0 + t * t));
   return 8.0 * atan_near_zero(t);
+}
+
+// the angle of the smaller over the larger side is halved twice, then set into its quarter
+TERRAIN_INLINE double atan2(double y, double x) {
+  const double up = std::fabs(y), along = std::fabs(x);
+  const double small = up < along ? up : along, large = up < along ? along : up;
+  double t = small / (large > 0.0 ? large : 1.0);
+  t = small == kInfinity ? 1.0 : t;
+  t = t / (1.0 + std::sqrt(1.0 + t * t));
+  t = t / (1.0 + std::sqrt(1.0 + t * t));
+  const double angle = 4.0 * atan_near_zero(t);
+  const double acute = up > along ? kHalfPi - angle : angle;
+  const double positive = std::signbit(x) ? 2.0 * kHalfPi - acute : acute;
+  return x != x || y != y ? kNaN : std::copysign(positive, y);
 }
 
 TERRAIN_INLINE double tanh(double x) {

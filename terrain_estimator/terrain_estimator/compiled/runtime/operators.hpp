@@ -186,6 +186,7 @@ TERRAIN_BINARY(logical_or, truth_value, (x != 0.0 || y != 0.0 ? 1.0 : 0.0))
 // NaN where one is NaN
 TERRAIN_BINARY(minimum, unchanged, (x < y || x != x ? x : y))
 TERRAIN_BINARY(maximum, unchanged, (x > y || x != x ? x : y))
+TERRAIN_BINARY(atan2, fractional, elementary::atan2(x, y))
 #undef TERRAIN_BINARY
 
 inline Tensor rsub(const Tensor& a, Scalar b) { return neg(sub(a, b)); }

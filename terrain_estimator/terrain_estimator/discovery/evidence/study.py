@@ -71,6 +71,7 @@ class Study:
         )
         self.contributions = contributions or here(self.runs)
         self._plain = no_columns(self.runs)
+        self._predicted: dict[tuple[Hypothesis, int], tuple[Candidate | None, Point, float]] = {}
         self.nothing = self._nothing(start or self.prior_mean())
 
     @property
@@ -148,8 +149,16 @@ class Study:
     ) -> tuple[Point, float]:
         """Predict the best fit of a hypothesis and its log evidence from one evaluation.
 
-        Its effects are those of ``after``, by default none, and one more.
+        Its effects are those of ``after``, by default none, and one more. The search asks twice for
+        pairs: before other soils are an answer, and where they are none.
         """
+        key = hypothesis, id(after)  # ``after`` is kept, so that its id stays its own
+        if key not in self._predicted:
+            self._predicted[key] = (after, *self._predict(hypothesis, after))
+        _, point, log_evidence = self._predicted[key]
+        return point, log_evidence
+
+    def _predict(self, hypothesis: Hypothesis, after: Candidate | None) -> tuple[Point, float]:
         before, shared = (after or self.nothing).fit, hypothesis.shared()
         acting = before.origin.shared
         own = slice(len(acting), None)  # values of the one more

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.effect_rows import EffectRows, Observed
+from terrain_estimator.model.packing import PackedView
 from terrain_estimator.model.physics import uncertain_constants
 from terrain_estimator.model.physics_of_wheels import physics_by_wheel
 from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior
@@ -168,6 +169,19 @@ class Changes(NamedTuple):
         return (levers @ both.permute(1, 2, 3, 4, 0).flatten(1, 3)).permute(2, 0, 1)
 
 
+@dataclass(frozen=True, slots=True)
+class _Read:
+    """The forces of wheels, and what they depend on."""
+
+    given: tuple[Tensor, ...]
+    doubt: Tensor | None
+    forces: Forces
+
+    def holds(self, given: tuple[Tensor, ...], doubt: Tensor | None) -> bool:
+        """Return whether these are the forces for what is ``given``, in this ``doubt``."""
+        return doubt is self.doubt and all(map(torch.equal, self.given, given))
+
+
 class HypothesisRows:
     """The rows of one run under one hypothesis, at any point."""
 
@@ -175,6 +189,9 @@ class HypothesisRows:
         """Prepare what does not depend on the point; ``laws`` are those of the hypothesis."""
         self._nominal, self._observed = nominal.of(blocks), observed_of(blocks)
         self._rows = EffectRows(laws, nominal.rover.mass, _integrals(self._nominal.soil.law))
+        acting = [acts_in_forces(law) for law in laws for _ in range(law.count)]
+        self._acting = torch.tensor([acting], dtype=torch.bool)  # by value
+        self._last: _Read | None = None
 
     def expansion(self, point: LinearizationPoint, chosen: Tensor) -> Expansion:
         """Return the inputs at which the ``chosen`` rows agree best, see :func:`agreement`."""
@@ -225,21 +242,52 @@ class HypothesisRows:
         )
         frame = _frame(packed, loaded)
         place = places(packed + input_correction, frame, loaded)
-        varied = varied_inputs(place, loaded)
+        read = self._read(point, place, loaded, values, doubt)
+        return frame, measured_forces(frame, place, read)
+
+    def _read(
+        self,
+        point: LinearizationPoint,
+        place: PackedView,
+        contact: ContactModel,
+        values: Tensor,
+        doubt: Tensor | None,
+    ) -> Forces:
+        """Return the forces at a ``place``, the latest ones where nothing of theirs has changed.
+
+        Differences by the size of an effect on sensors, drives or the body need no other forces.
+        """
+        given = (
+            *(place.slip, place.sinkage, place.slip_sd, place.sinkage_sd, contact.stencil.moves),
+            *(contact.constants, point.theta, values[self._acting]),
+        )
+        if self._last is not None and self._last.holds(given, doubt):
+            return self._last.forces
+        varied = varied_inputs(place, contact)
         strength = point.theta * contact.column_unit[:2]
-        ruts = self._rows.ruts(place.slip, place.sinkage, observed.rut, loaded)
+        ruts = self._rows.ruts(place.slip, place.sinkage, self._observed.rut, contact)
         inputs = ContactInputs(
             varied.slip, varied.sinkage, varied.constants, strength.view(1, 1, 2), rut=ruts
         )
-        forces = self._rows.forces(inputs, observed.wheel_rate, loaded, values)
-        return frame, measured_forces(
-            frame, place, read_forces(forces, varied.scale, loaded, doubt)
-        )
+        forces = self._rows.forces(inputs, self._observed.wheel_rate, contact, values)
+        read = read_forces(forces, varied.scale, contact, doubt)
+        self._last = _Read(given, doubt, read)
+        return read
 
     def _contact(self, point: LinearizationPoint) -> ContactModel:
         nominal = self._nominal
         constants = nominal.contact.constants + point.kappa @ nominal.uncertain
         return nominal.contact._replace(constants=constants)
+
+
+def acts_in_forces(law: Law) -> bool:
+    """Return whether a law changes the forces on wheels at a given place."""
+    own, none = type(law), Law
+    return (own.contact, own.stresses, own.added_force) != (
+        none.contact,
+        none.stresses,
+        none.added_force,
+    )
 
 
 def observed_of(blocks: Blocks) -> Observed:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.stats import t as student
+from scipy.special import stdtr
 from torch import Tensor
 
 from terrain_estimator.discovery.evidence.study import Study
@@ -170,7 +170,7 @@ def two_sided(found: Tests, alike: Tensor) -> Floats:
     nothing.
     """
     beyond = (found.statistic.abs() - alike * found.blocks.sqrt().unsqueeze(1)).clamp(min=0.0)
-    return np.asarray(2.0 * student.sf(beyond.numpy(), found.degrees.clamp(min=1.0).numpy()))
+    return np.asarray(2.0 * stdtr(found.degrees.clamp(min=1.0).numpy(), -beyond.numpy()))
 
 
 def holm(chance: Floats) -> Floats:
