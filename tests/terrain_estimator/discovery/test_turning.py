@@ -33,6 +33,7 @@ from terrain_estimator.discovery.proof.soil_proof import Proven, proven
 from terrain_estimator.discovery.report.investigation import investigate_as_told
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.estimator.summary import IDENTIFIED_VARIANCE
 from terrain_estimator.learning.adding import Sized, add_effects
 from terrain_estimator.learning.observing import observed
 from terrain_estimator.model.body_motion import body_motion, safe_motion
@@ -195,6 +196,27 @@ def test_a_model_by_wheel_with_an_effect_loads_and_estimates_its_size_in_turns(
     (effect,) = updates[-1].estimate.effects
     assert math.isfinite(effect.mean)
     assert 0.0 < effect.sd < 0.5 * TORQUE
+
+
+@pytest.mark.parametrize(
+    ("effect", "confirmed"), [("coulomb_drag", True), ("rate_dependence", False)]
+)
+def test_an_effect_whose_law_may_be_another_leaves_a_sharp_estimate_unconfirmed(
+    plain: LoadedModel, tmp_path: Path, effect: str, *, confirmed: bool
+) -> None:
+    generator = torch.Generator().manual_seed(ONLINE_SEED)
+    samples, _, plant = driven(SKID, None, 1, 60.0, generator)
+    order = [chassis_places(SKID.rover)[k] for k in wheel_order(SKID.rover)]
+    (drive,) = observed(SKID.rover, samples, order, generator, plant)
+    add_effects(plain, [Sized.of_library(effect)], tmp_path / "with_effect.pt")
+    model = load_model(str(tmp_path / "with_effect.pt"))
+    estimator = Estimator(model, CoreConfig())
+    last = [estimator.update(one) for one in drive][-1]
+    left = np.diag(last.estimate.covariance) / np.array(model.metadata.prior_sd) ** 2
+    assert (left < IDENTIFIED_VARIANCE).all()
+    assert last.estimate.identified == (confirmed, confirmed)
+    why = "" if confirmed else "nothing tells another law of rate_dependence from the ground"
+    assert last.unconfirmed == why
 
 
 def test_lugs_on_steered_wheels_do_not_lead_a_model_with_grousers_astray(
