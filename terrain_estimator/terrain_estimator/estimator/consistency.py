@@ -70,11 +70,12 @@ CROSSING = 15
 REST = 45
 """[seconds of driving] From one change to the next; an earlier one explains no misfit."""
 ADVICE = f"{CHECK}; find_missing_effect names rows and effects from a recording"
-UNSURE_BY_WHEEL = ("grousers", "slip_sinkage", "sinkage_bias", "rate_dependence", "exit_angle")
-"""Named effects of which models by wheel confirm nothing.
+UNSURE = ("grousers", "slip_sinkage", "sinkage_bias", "rate_dependence", "exit_angle")
+"""Named effects with which a model confirms nothing.
 
 Where the ground follows another law of the same name, such a model takes up the misfit and puts the
-rest into c and tan phi: 45 of 84 drives that were called identified were wrong (docs/lateral.md).
+rest into c and tan phi. Half of the drives that were called identified were wrong: 45 of 84 by
+wheel (docs/lateral.md), 21 of 47 by axle (docs/effects.md).
 """
 _ITERATIONS, _CLOSE = 100, 1e-12
 _SIGNALS = {
@@ -91,9 +92,9 @@ _SIGNALS = {
 """What to look at first, by the kind of the row."""
 
 
-def unsure(effects: Iterable[str], *, by_wheel: bool) -> str:
+def unsure(effects: Iterable[str]) -> str:
     """Return why a model with these named effects confirms no estimate; empty where it can."""
-    found = [name for name in effects if by_wheel and name in UNSURE_BY_WHEEL]
+    found = [name for name in effects if name in UNSURE]
     return f"nothing tells another law of {', '.join(found)} from the ground" if found else ""
 
 

@@ -63,9 +63,7 @@ class Estimator:
         self._rover = model.rover
         self._rows, self._stations = model.rows, model.metadata.stations
         self._effects = model.effects
-        self._unsure = unsure(
-            (effect.name for effect in model.effects), by_wheel=bool(model.metadata.wheels)
-        )
+        self._unsure = unsure(effect.name for effect in model.effects)
         config = config.of_model(by_wheel=bool(model.metadata.wheels))
         self._config, self._balances_sinkage = config, model.balances_sinkage
         self._wheels, self._body = SingleWheels.of(model.metadata), _turning_body(model)

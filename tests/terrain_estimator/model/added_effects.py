@@ -113,7 +113,7 @@ def runs(drive: Drive, measured: Measurement, sizes: Sequence[float], each: int)
 def estimated(model: LoadedModel, run: Run) -> Estimate:
     """The last estimate of a drive."""
     estimator = Estimator(model, CoreConfig())
-    return [estimator.update(observation).estimate for observation in run.observations][-1]
+    return [estimator.update(observation) for observation in run.observations][-1].estimate
 
 
 def line(
@@ -135,23 +135,31 @@ def line(
         error = np.abs(at - truth)
         columns += [
             *(100.0 * np.median(error / truth, 0)).tolist(),
-            *(error < HALF_WIDTH_95 * wide).sum(0).tolist(),
+            *(holds := error < HALF_WIDTH_95 * wide).sum(0).tolist(),
+            (identified := np.array([all(each.identified) for each in estimates])).sum(),
+            (identified & ~holds.all(1)).sum(),
         ]
     return f"{name:>16}{law:>9}{len(found):4d}" + "".join(f"{column:13.4g}" for column in columns)
 
 
 def study(
-    name: str, cases: int, each: int, seconds: float, plain: LoadedModel, with_it: LoadedModel
+    name: str,
+    cases: int,
+    each: int,
+    seconds: float,
+    plain: LoadedModel,
+    with_it: LoadedModel,
+    laws: Sequence[str] = LAW,
 ) -> Iterator[str]:
-    """A line for each law."""
+    """A line for each of the ``laws``."""
     secret, sizes = hidden(name, cases, seconds)
-    nothing = simulate_cases(Hidden(seconds=seconds), cases, SEED)
-    drives = {
-        "none": (nothing.drive, nothing.measured, [0.0] * cases),
-        "library": (*library(name, secret, sizes, seconds), sizes),
-        "hidden": (secret.drive, secret.measured, sizes),
-    }
-    for law, (drive, measured, true_sizes) in drives.items():
+    for law in laws:
+        drive, measured, true_sizes = secret.drive, secret.measured, sizes
+        if law == "none":
+            nothing = simulate_cases(Hidden(seconds=seconds), cases, SEED)
+            drive, measured, true_sizes = nothing.drive, nothing.measured, [0.0] * cases
+        elif law == "library":
+            drive, measured = library(name, secret, sizes, seconds)
         found = runs(drive, measured, true_sizes, each)
         yield line(
             name,
@@ -174,6 +182,7 @@ def main() -> None:
         default=2,
         help="of which each has an own size, soils and terrains in turn",
     )
+    parser.add_argument("--laws", nargs="+", choices=LAW, default=LAW, help="that act")
     parser.add_argument("--each", type=int, default=3, help="drives of a case")
     parser.add_argument("--seconds", type=float, default=40.0, help="length of a drive")
     options = parser.parse_args()
@@ -181,7 +190,7 @@ def main() -> None:
     ground = [
         f"{part} {what}"
         for part in ("before", "after")
-        for what in ("c %", "tan %", "c in", "tan in")
+        for what in ("c %", "tan %", "c in", "tan in", "ident", "wrong")
     ]
     columns = ["|size|", "error", "sd", "in 95 %", *ground]
     sys.stdout.write(
@@ -192,7 +201,13 @@ def main() -> None:
             path = Path(folder) / f"{name}.pt"
             add_effects(plain, [Sized.of_library(name)], path)
             for text in study(
-                name, options.cases, options.each, options.seconds, plain, load_model(str(path))
+                name,
+                options.cases,
+                options.each,
+                options.seconds,
+                plain,
+                load_model(str(path)),
+                options.laws,
             ):
                 sys.stdout.write(text + "\n")
                 sys.stdout.flush()
