@@ -29,6 +29,7 @@ def main(argv: list[str] | None = None) -> int:
         choices=added.NAMES,
         help="models with these effects; without a name: with each that a model by wheel can have",
     )
+    parser.add_argument("--motions", default="", help="only those whose words hold this text")
     parser.add_argument("--own", action="store_true", help="hide them by the models' own laws")
     options = parser.parse_args(argv)
     torch.set_num_threads(1)
@@ -40,6 +41,11 @@ def main(argv: list[str] | None = None) -> int:
                 sys.stdout.write(f"| {' | '.join(line)} |\n")
                 sys.stdout.flush()
             sys.stdout.write("\n")
+        return 0
+    if options.motions:
+        for kind in KINDS:
+            asked = [each for each in motions(kind.rover) if options.motions in each.words]
+            sys.stdout.write(f"{kind.rover}:\n\n{table(HEAD, lines(kind, asked))}\n")
         return 0
     if options.planner:
         sys.stdout.write(f"{KINDS[0].rover}:\n\n{table(STOP_HEAD, stop_lines())}\n")

@@ -78,6 +78,7 @@ class Motion:
     roll_sd: float = 0.0  # [rad] of a constant error of the roll
     gain_sd: float = 0.0  # [1] of an error that all torques share, which the model estimates
     sinkages: bool = True  # whether they are measured
+    torques: bool = True  # whether they are
     uneven: float = 0.0  # [deg] steepest slope of what rises above the plane
     lengths: tuple[float, float] = WAVELENGTHS  # [m] of its shortest and longest wave
     hidden: str = ""  # an effect that the estimator is not told
@@ -173,6 +174,7 @@ def motions(rover: str) -> list[Motion]:
         slope.but("roll off by 0.5°", roll_sd=ROLL_BIAS_SD),
         *(each.but("torques off by 10 %", gain_sd=GAIN_SD) for each in (straight, turn, slope)),
         *(each.but("no sinkages", sinkages=False) for each in (straight, turn, slope)),
+        *(each.but("no torques", torques=False) for each in (straight, turn, slope)),
         *(each.but("hills of 5°", uneven=STEEP) for each in (straight, turn)),
         *bumpy,
         bumpy[1].but("no contact angles", angles=False),
@@ -211,7 +213,9 @@ def lines(
         if not motion.angles:
             found = [[without_angles(each) for each in drive] for drive in found]
         core = CoreConfig(
-            use_sinkage=motion.sinkages, contact_angle_sd=0.0 if motion.angles else ANGLE_SD
+            use_sinkage=motion.sinkages,
+            use_torque=motion.torques,
+            contact_angle_sd=0.0 if motion.angles else ANGLE_SD,
         )
         result = ended(models[motion.gain_sd], found, strength.numpy()[:drives], core)
         error = np.median(np.abs(result.mean / result.truth - 1.0), 0)

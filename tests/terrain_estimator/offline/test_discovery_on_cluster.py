@@ -139,7 +139,7 @@ def test_kills_of_client_worker_and_scheduler_cost_no_finished_piece(
         assert sum(count - 1 for count in on.begun().values()) <= 3 * 4
     assert (out / "finding.json").read_bytes() == alone
     assert sorted(each.name for each in out.iterdir()) == [
-        "finding.json", "manifest.json", "model.json", "model.pt", "report.html",
+        "finding.json", "manifest.json", "model.drive.npz", "model.json", "model.pt", "report.html",
     ]  # fmt: skip
 
 
