@@ -38,14 +38,12 @@ NAMES = tuple(name for name in EFFECTS if name not in not_estimated(by_wheel=Tru
 HEAD = (
     "effect",
     "law hidden",
-    "with it: error of c / tan phi",
-    "c / tan phi in their interval",
-    "IDENTIFIED",
-    "of these wrong",
-    "without it: error",
-    "in their interval",
-    "IDENTIFIED",
-    "of these wrong",
+    "with it: error",
+    "hold",
+    "IDENTIFIED, wrong",
+    "without: error",
+    "hold",
+    "IDENTIFIED, wrong",
 )
 
 
@@ -87,15 +85,14 @@ def with_effect(plain: LoadedModel, name: str, folder: Path) -> LoadedModel:
 
 
 def cells(result: Ended) -> tuple[str, ...]:
-    """Return what a line says of the drives by one model."""
+    """Return what a line says of the drives by one model, first of c, then of tan phi."""
     error = 100.0 * np.median(np.abs(result.mean / result.truth - 1.0), 0)
     held = result.holds.sum(0)
     wrong = result.identified & ~result.holds.all(1)
     return (
         f"{error[0]:.1f} / {error[1]:.1f} %",
-        f"{held[0]} / {held[1]} of {len(result.truth)}",
-        f"{result.identified.sum()}",
-        f"{wrong.sum()}",
+        f"{held[0]} / {held[1]}",
+        f"{result.identified.sum()}, {wrong.sum()}",
     )
 
 
