@@ -37,7 +37,7 @@ SOFTEST = 0.05
 class Bulldozing(Law):
     """T - size z^2: a wheel pushes a wedge of soil, whose weight grows with the square of z.
 
-    A wheel that only spins pushes none: above a slip of 1 - SPINS the force goes to zero.
+    SPINS says where a wheel only spins, see :func:`resisting`.
     """
 
     def __init__(self, rover: Rover, axle: int | None = None) -> None:
@@ -46,9 +46,17 @@ class Bulldozing(Law):
 
     def added_force(self, inputs: ContactInputs, values: Tensor) -> AddedForce | None:
         """Return the resistance of the wedge; ``values`` in [N/m^2]."""
-        moving = ((1.0 - inputs.slip) / self.spins).clamp(0.0, 1.0)
-        resistance = values * inputs.sinkage**2 * moving
-        return AddedForce(-resistance, torch.zeros_like(resistance))
+        return resisting(values * inputs.sinkage**2, inputs.slip, self.spins)
+
+
+def resisting(wedge: Tensor, slip: Tensor, spins: float) -> AddedForce:
+    """Return the force of soil that a wheel pushes ahead, without a moment.
+
+    ``wedge`` [..., A] [N] is that of a wheel that rolls, ``slip`` [..., A] [1]. A wheel that only
+    spins pushes none: above a slip of 1 - ``spins`` the force goes to zero.
+    """
+    resistance = wedge * ((1.0 - slip) / spins).clamp(0.0, 1.0)
+    return AddedForce(-resistance, torch.zeros_like(resistance))
 
 
 class LateralBulldozing(Law):

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from terramechanics.contact.stresses import entry_angle, quadrature
 from terramechanics.effects.law import AddedForce, ExtraValue, Law
-from terramechanics.effects.soil import SPINS, side_resistance
+from terramechanics.effects.soil import SPINS, resisting, side_resistance
 from terramechanics.simulation.plant import ContactInputs
 from terramechanics.vehicle.rover import Rover
 
@@ -45,7 +45,7 @@ def hegedus(strength: Tensor, unit_weight: Tensor) -> tuple[Tensor, Tensor]:
 class HegedusWedge(Law):
     """T - size b D_1 (c z + gamma / 2 D_2 z^2), see :func:`hegedus`: the buried rim is a blade.
 
-    A wheel that only spins pushes none: above a slip of 1 - SPINS the force goes to zero.
+    Where a wheel only spins it fades, see :func:`~terramechanics.effects.soil.resisting`.
     """
 
     extra: ClassVar[tuple[ExtraValue, ...]] = (WEIGHTS,)
@@ -58,9 +58,7 @@ class HegedusWedge(Law):
         """Return the resistance of the wedge, without a moment; ``values[:, 0]`` in [1]."""
         held, pushed = hegedus(inputs.strength, self.weight * torch.exp(values[:, 1:]))
         full = self.width * inputs.sinkage * (held + pushed * inputs.sinkage)
-        moving = ((1.0 - inputs.slip) / self.spins).clamp(0.0, 1.0)
-        resistance = values[:, :1] * full * moving
-        return AddedForce(-resistance, torch.zeros_like(resistance))
+        return resisting(values[:, :1] * full, inputs.slip, self.spins)
 
 
 class HegedusSide(Law):
@@ -100,7 +98,7 @@ class BekkerWedge(Law):
         l = z tan^2(45 deg - phi / 2)
         K_c = (N_c - tan phi) cos^2 phi,    K_gamma = (2 N_gamma / tan phi + 1) cos^2 phi
 
-    A wheel that only spins pushes none: above a slip of 1 - SPINS the force goes to zero.
+    Where a wheel only spins it fades, see :func:`~terramechanics.effects.soil.resisting`.
     """
 
     extra: ClassVar[tuple[ExtraValue, ...]] = (WEIGHTS,)
@@ -120,9 +118,7 @@ class BekkerWedge(Law):
         reach = z / root**2
         ends = unit_weight * reach**3 / 3.0 * (0.5 * math.pi - torch.atan(tan_phi))
         ends = ends + cohesion * reach**2 * (1.0 + root)
-        moving = ((1.0 - inputs.slip) / self.spins).clamp(0.0, 1.0)
-        resistance = values[:, :1] * (self.width * wedge + ends) * moving
-        return AddedForce(-resistance, torch.zeros_like(resistance))
+        return resisting(values[:, :1] * (self.width * wedge + ends), inputs.slip, self.spins)
 
 
 def wedge_factors(tan_phi: Tensor) -> tuple[Tensor, Tensor]:
