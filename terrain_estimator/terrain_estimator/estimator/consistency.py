@@ -70,7 +70,7 @@ CROSSING = 15
 REST = 45
 """[seconds of driving] From one change to the next; an earlier one explains no misfit."""
 ADVICE = f"{CHECK}; find_missing_effect names rows and effects from a recording"
-UNSURE = ("grousers", "slip_sinkage", "sinkage_bias", "rate_dependence", "exit_angle")
+LAWS_IN_DOUBT = ("grousers", "slip_sinkage", "sinkage_bias", "rate_dependence", "exit_angle")
 """Named effects with which a model confirms nothing.
 
 Where the ground follows another law of the same name, such a model takes up the misfit and puts the
@@ -92,9 +92,9 @@ _SIGNALS = {
 """What to look at first, by the kind of the row."""
 
 
-def unsure(effects: Iterable[str]) -> str:
+def law_in_doubt(effects: Iterable[str]) -> str:
     """Return why a model with these named effects confirms no estimate; empty where it can."""
-    found = [name for name in effects if name in UNSURE]
+    found = [name for name in effects if name in LAWS_IN_DOUBT]
     return f"nothing tells another law of {', '.join(found)} from the ground" if found else ""
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.configured import as_configured
-from terrain_estimator.estimator.consistency import Consistency, SecondFit, limit, unsure
+from terrain_estimator.estimator.consistency import Consistency, SecondFit, law_in_doubt, limit
 from terrain_estimator.estimator.deciding import Deciding, is_failure, without_rows
 from terrain_estimator.estimator.forecasting import Forecast, Forecasting
 from terrain_estimator.estimator.intake import Intake
@@ -63,7 +63,7 @@ class Estimator:
         self._rover = model.rover
         self._rows, self._stations = model.rows, model.metadata.stations
         self._effects = model.effects
-        self._unsure = unsure(effect.name for effect in model.effects)
+        self._law_in_doubt = law_in_doubt(effect.name for effect in model.effects)
         config = config.of_model(by_wheel=bool(model.metadata.wheels))
         self._config, self._balances_sinkage = config, model.balances_sinkage
         self._wheels, self._body = SingleWheels.of(model.metadata), _turning_body(model)
@@ -238,7 +238,7 @@ class Estimator:
     def _judge(self) -> None:
         """Judge the fit of the last closed blocks."""
         self._inconsistent, unconfirmed = self._consistency.judge()
-        self._unconfirmed = unconfirmed or self._unsure
+        self._unconfirmed = unconfirmed or self._law_in_doubt
         self._fit = self._consistency.fits()
         self._unsound_fit = unsound_fit(self._fit)
 

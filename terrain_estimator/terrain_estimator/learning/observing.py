@@ -90,9 +90,11 @@ def observed(
     effects: BodyPlant | None = None,
     shift: float = 0.0,
 ) -> list[list[Observation]]:
-    """Return the observations by wheel of each drive; ``order`` is that of the samples' wheels.
+    """Return the observations by wheel of each drive, with the noise of every sensor.
 
-    ``effects`` are those of sensors; the centre of mass is ``shift`` [m] ahead of the rover file's.
+    ``driven`` are the samples of all drives, step by step. ``order`` [W] has each wheel's place in
+    them. ``effects`` are those of sensors; the centre of mass is ``shift`` [m] ahead of the rover
+    file's.
     """
 
     def stacked(name: str) -> Tensor:

@@ -96,23 +96,23 @@ class LibraryEffect:
     @property
     def law(self) -> type[Law]:
         """Its law, which has the value of its size and the extra values."""
-        if self.competing is None:
-            return describe(self.name).law
-        return describe(self.name).competing[self.competing].law
+        described = describe(self.name)
+        return described.law if self.competing is None else described.competing[self.competing].law
 
     @property
     def law_name(self) -> str:
         """Name of the law that tells it from those that compete with it."""
+        described = describe(self.name)
         if self.competing is not None:
-            return describe(self.name).competing[self.competing].name
-        return describe(self.name).coefficient
+            return described.competing[self.competing].name
+        return described.coefficient
 
     @property
     def range(self) -> tuple[float, float]:
         """Smallest and largest size."""
-        if self.competing is not None:
-            return 0.0, describe(self.name).competing[self.competing].high
         described = describe(self.name)
+        if self.competing is not None:
+            return 0.0, described.competing[self.competing].high
         return described.low, described.high
 
     @property
