@@ -1,13 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Speed and memory of the replay of a short bag and of a long one, each in a process of its own.
-
-python -m benchmarks.replaying BAG OUTPUT      # replays one and prints what it took, as JSON
-"""
+"""Speed and memory of the command ``replay`` on a short bag and on a long one."""
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -15,16 +11,10 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import torch
-
 from benchmarks import reading
 from benchmarks.drives import long_drive
 from benchmarks.lines import BenchmarkLine, Effort
 from terrain_estimator.bags import Types
-from terrain_estimator.compiled.finding import load
-from terrain_estimator.config.estimator import AUTO, EstimatorConfig
-from terrain_estimator.offline.replay import replay
-from terrain_estimator.offline.topic_mapping import bag_topics
 from tests.drives import write_bag
 
 BAR = 1000.0
@@ -72,28 +62,18 @@ def lines(effort: Effort) -> Iterator[BenchmarkLine]:
 
 
 def replayed(bag: Path, output: Path) -> tuple[float, float]:
-    """Return the speed over real time, and the largest resident memory [MB] of either process."""
-    command = [sys.executable, "-m", "benchmarks.replaying", str(bag), str(output)]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
-    if ended.returncode != 0:
-        raise ChildProcessError(ended.stderr[-2000:])
-    speed, memory = json.loads(ended.stdout.splitlines()[-1])
-    return float(speed), float(memory)
+    """Return the speed over real time, and the largest resident memory [MB] of either process.
 
-
-def main(bag: str, output: str) -> None:
-    """Replay like the command."""
-    torch.set_num_threads(1)
-    done = replay(Path(bag), Path(output), load("", AUTO), EstimatorConfig(), bag_topics([], ""))
-    memory = (
-        max(
-            resource.getrusage(who).ru_maxrss
-            for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-        )
-        / 1024.0
-    )
-    print(json.dumps([done.times_real_time, memory]))
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+    The command runs as a user starts it, so that it loads what it needs and no more.
+    """
+    command = [sys.executable, "-m", "terrain_estimator.cli.replay", str(bag)]
+    command += ["--out", str(output)]
+    log = output.with_suffix(".log")
+    with log.open("w") as written:
+        process = subprocess.Popen(command, stdout=written, stderr=written)  # noqa: S603
+        _, status, used = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode != 0:
+        raise ChildProcessError(log.read_text()[-2000:])
+    (run,) = json.loads((output / "summary.json").read_text())["bags"]
+    return float(run["times_real_time"]), used.ru_maxrss / 1024.0
