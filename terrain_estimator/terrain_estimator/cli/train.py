@@ -153,6 +153,11 @@ def check_rows(args: argparse.Namespace) -> None:
     ):
         if value:
             raise ConfigError(f"{option} {value:g} with --rows {_VELOCITY}: {why}: give 0")
+    if len(args.soil) > 1:
+        raise ConfigError(
+            f"--soil {' '.join(args.soil)} with --rows {_VELOCITY}: the velocity alone does not"
+            " tell soils apart: give one"
+        )
     if args.constants_sd:
         sys.stderr.write(
             f"train: note: --rows {_VELOCITY} with --constants-sd {args.constants_sd:.3g}: the"

@@ -178,11 +178,14 @@ def test_a_model_of_the_velocity_alone_says_so_in_its_name_and_its_description(
     assert "the velocity alone does not tell soil constants" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("option", "value"), [("--columns", "6"), ("--ground-variation", "0.02")])
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--columns", "6"), ("--ground-variation", "0.02"), ("--soil", "loose_sand compact_sand")],
+)
 def test_what_the_velocity_alone_does_not_go_with_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str
 ) -> None:
-    own = ["--rows", "velocity", option, value]
+    own = ["--soil", "loose_sand", "--rows", "velocity", option, *value.split()]
     assert train.main([*own, "--out", str(tmp_path / "models")]) == 2
     assert f"{option} {value} with --rows velocity: " in capsys.readouterr().err
     assert not (tmp_path / "models").exists()
