@@ -24,7 +24,9 @@ import torch
 
 from studies.baselines.drives import LevelDrives
 from studies.command import refuse, study_parser
+from studies.paper.cases import Size
 from studies.paper.plants import NARROW, TESTING, Draw, PaperPlant, draw_drives
+from studies.paper.random_inputs import training_tasks
 from studies.tables import table
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.learning.tasks import BENCHMARK, CONSTANTS_SPREAD
@@ -61,6 +63,15 @@ class Case:
     plant: PaperPlant
     draw: Draw
     models: tuple[Told, ...]
+    random: bool = False  # slips and sinkages are drawn at random, not driven
+
+    def drives(self, sand: str, count: int, generator: torch.Generator) -> LevelDrives:
+        """Draw and measure drives on one sand."""
+        rover, soil = load_rover(ROVER), load_soil(sand)
+        if self.random:
+            size = Size(tasks=count, duration_s=DURATION_S)
+            return training_tasks(self.draw, rover, soil, size, generator)
+        return draw_drives(self.plant, rover, soil, self.draw, DURATION_S, count, generator).drives
 
     @property
     def alone(self) -> bool:
@@ -84,6 +95,13 @@ _BOTH = (Told(LINEAR, EXACT), Told(LINEAR, UNCERTAIN))
 CASES = {
     "closed": Case("closed form", PaperPlant.CLOSED_FORM, NARROW, (*_BOTH, Told(INTEGRALS, EXACT))),
     "closed_off": Case("closed form, constants off", PaperPlant.CLOSED_FORM, TESTING, _BOTH),
+    "random": Case(
+        "closed form, random slips and sinkages",
+        PaperPlant.CLOSED_FORM,
+        NARROW,
+        _BOTH[:1],
+        random=True,
+    ),
     "integrated": Case("integrated", PaperPlant.INTEGRATED, WIDE, (Told(INTEGRALS, EXACT),)),
     "integrated_off": Case(
         "integrated, constants off",
@@ -187,9 +205,7 @@ def replayed(
 def judge(case: Case, sand: str, count: int, seed: int, folder: Path) -> Iterator[list[str]]:
     """Draw and import the drives of a case in a new ``folder``; yield a line for each model."""
     folder.mkdir(parents=True)
-    generator = torch.Generator().manual_seed(seed)
-    rover, soil = load_rover(ROVER), load_soil(sand)
-    drives = draw_drives(case.plant, rover, soil, case.draw, DURATION_S, count, generator).drives
+    drives = case.drives(sand, count, torch.Generator().manual_seed(seed))
     bags = imported(case, drives, folder)
     for number, told in enumerate(case.models):
         found = replayed(case, told, sand, bags, folder / str(number))
@@ -227,6 +243,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = study_parser("velocity_alone", __doc__)
     parser.add_argument("--drives", type=COUNT, default=DRIVES, help="drives of each case")
     parser.add_argument("--seed", type=SEED, default=FIRST_SEED, help="of the drives")
+    parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), help="cases")
     parser.add_argument(
         "--out", type=Path, default=Path("out/velocity_alone"), help="new folder of all files"
     )
@@ -234,9 +251,9 @@ def main(arguments: list[str] | None = None) -> int:
     if options.out.exists():
         return refuse("velocity_alone", f"{options.out} exists: give another folder by --out")
     lines: list[list[str]] = []
-    for (name, case), sand in itertools.product(CASES.items(), SANDS):
+    for name, sand in itertools.product(options.only, SANDS):
         folder = options.out / f"{name}_{sand}"
-        for line in judge(case, sand, options.drives, options.seed, folder):
+        for line in judge(CASES[name], sand, options.drives, options.seed, folder):
             lines.append(line)
             print(line, file=sys.stderr, flush=True)
     head = [
