@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test test-long colcon-test first-use lint train accuracy long change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag foreign-discovery foreign-turns robustness measured names independent-reference lateral off-plane by-wheel sensors pages docs pictures measures sbom audit workspace environment clean
+.PHONY: help demo discover test test-long colcon-test first-use lint train accuracy long change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag foreign-discovery foreign-turns robustness measured names independent-reference lateral off-plane by-wheel sensors velocity-alone pages docs pictures measures sbom audit workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -75,6 +75,9 @@ off-plane: workspace  ## what turns and cross slopes do to the estimate, for doc
 
 sensors: workspace  ## what each sensor is worth, for docs/bring_your_own_sensors.md, 25 minutes of one core
 	ros2_ws/with python -m studies.sensors $(ARGS)
+
+velocity-alone: workspace  ## what the velocity row alone tells, for docs/bring_your_own_data.md, 20 minutes of one core
+	ros2_ws/with python -m studies.velocity_alone $(ARGS)
 
 measured: workspace  ## judge the contact law on wheels that laboratories measured, 6 minutes of one core: docs/measured.md
 	ros2_ws/with python -m studies.measured $(ARGS)

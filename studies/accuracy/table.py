@@ -88,7 +88,8 @@ Why targets are missed:
   are measured to 5 %. Where this noise is larger, a deviation within 20 % of the sensor's would
   cover too little.
 - **Velocity alone** with wrong constants. The intervals become too narrow, and the status is
-  identified for parameters that these rows cannot identify. A node always has the load row, too.
+  identified for parameters that these rows cannot identify. A node has the load row, too, or its
+  status is never identified.
   The derivative of a row with respect to a soil constant is proportional to c and tan phi. Every
   block takes it at its own estimate. As noise moves the estimate, the blocks together seem to
   separate what none of them can (Huang, Mourikis and Roumeliotis, 2010, on the consistency of

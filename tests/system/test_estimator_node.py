@@ -10,15 +10,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
 from msg_defs.msg import EstimatorHealth, MotionPrediction, TerrainEstimate
+from terrain_estimator.learning.export import export
+from terrain_estimator.learning.training import build_model
+from terrain_estimator.model.metadata import VELOCITY_ALONE, Training
 from terrain_estimator.nodes.common import message_types
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import INPUT_TYPES
+from terramechanics.presets import load_rover, load_soil
 from tests.drives import JOINTS, STEP_NS, Event, drive_messages
 from tests.soundness import unsound
 from tests.system.listening import Listener
@@ -259,6 +264,23 @@ def test_without_a_sinkage_sensor_it_estimates_from_torques_and_balances(
     assert {each.decision.outcome_name for each in estimates} == {"ACCEPTED"}
     assert "load" not in estimates[-1].rows
     assert "torque_0" in estimates[-1].rows
+    assert "rows missing" not in estimates[-1].status_text
+    assert estimates[-1].cohesion_stddev < estimates[0].cohesion_stddev
+    assert_sound(estimates)
+
+
+def test_with_a_model_of_the_velocity_alone_it_uses_no_other_row_and_identifies_nothing(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
+    path, rover, soil = tmp_path / "velocity.pt", load_rover("mars_rover"), load_soil("loose_sand")
+    model = build_model(rover, [soil], used_rows=VELOCITY_ALONE)
+    export(model, rover, [soil], Training(0, 0, 0.0, torch.__version__), path)
+    process = start("terrain_estimator", "estimator", "--ros-args", "-p", f"model:={path}")
+    process.wait_for_output("ready")
+    estimates = Rover(listener, process).drive(inputs())
+    assert {each.decision.outcome_name for each in estimates} == {"ACCEPTED"}
+    assert list(estimates[-1].rows) == ["velocity"]
+    assert estimates[-1].status == TerrainEstimate.CONVERGING
     assert "rows missing" not in estimates[-1].status_text
     assert estimates[-1].cohesion_stddev < estimates[0].cohesion_stddev
     assert_sound(estimates)

@@ -31,7 +31,12 @@ from terrain_estimator.learning.reference_drives import measured_drives
 from terrain_estimator.learning.regression import Regression
 from terrain_estimator.learning.tasks import BENCHMARK, PAPER, ROVERS, SOILS, draw_tasks
 from terrain_estimator.learning.training import Progress, Recipe, build_model, train
-from terrain_estimator.model.metadata import Metadata, ModelFileError, Training
+from terrain_estimator.model.metadata import (
+    VELOCITY_ALONE,
+    Metadata,
+    ModelFileError,
+    Training,
+)
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior
 from terrain_estimator.offline.cluster import cluster
@@ -58,7 +63,12 @@ _WITH_NET = "_with_net"
 """End of the name of a model that has learnt features."""
 _ON_VARYING_GROUND = "_on_varying_ground"
 """End of the name of a model whose ground is not the same below every axle."""
-_OF_PHYSICS = ("columns", "constants_sd", "ground_variation")
+_VELOCITY_ALONE = "_velocity_alone"
+"""End of the name of a model whose velocity row alone counts."""
+_ALL, _VELOCITY = "all", "velocity"
+_ROWS = {_ALL: (), _VELOCITY: VELOCITY_ALONE}
+"""Rows that count, by the value of ``--rows``."""
+_OF_PHYSICS = ("columns", "constants_sd", "ground_variation", "rows")
 """Arguments that change a model without learnt features."""
 _OF_ANY = (*_OF_PHYSICS, "rover", "soil", "out", "curves", "seed", "device")
 """Arguments that may be given without learnt features."""
@@ -85,6 +95,7 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     try:
         check_needed(args)
+        check_rows(args)
         device = choose_device(args.device)
         rovers, soils = (
             [load_rover(name) for name in args.rover],
@@ -94,6 +105,7 @@ def main(argv: list[str] | None = None) -> int:
             soil.for_wheel(rover.wheel_width)
         end = _WITH_NET if args.columns else ""
         end += _ON_VARYING_GROUND if args.ground_variation else ""
+        end += _VELOCITY_ALONE if args.rows == _VELOCITY else ""
         names = [name + end for name in file_names(rovers, soils)]
         models, curves = ResultFolder(args.out), ResultFolder(args.curves)
         models.check(*(f"{name}{ending}" for name in names for ending in _ENDINGS))
@@ -129,6 +141,30 @@ def check_needed(args: argparse.Namespace) -> None:
                 f"--{name.replace('_', '-')} {value}: without --columns nothing is trained: give"
                 " --columns 6 for a model with a net, or leave this out"
             )
+
+
+def check_rows(args: argparse.Namespace) -> None:
+    """Raise ConfigError where an argument contradicts ``--rows velocity``, or say what it does."""
+    if args.rows != _VELOCITY:
+        return
+    for option, value, why in (
+        ("--columns", args.columns, "its net would be trained by rows that do not count"),
+        ("--ground-variation", args.ground_variation, "not known for the velocity alone"),
+    ):
+        if value:
+            raise ConfigError(f"{option} {value:g} with --rows {_VELOCITY}: {why}: give 0")
+    if len(args.soil) > 1:
+        raise ConfigError(
+            f"--soil {' '.join(args.soil)} with --rows {_VELOCITY}: the velocity alone does not"
+            " tell soils apart: give one"
+        )
+    if args.constants_sd:
+        sys.stderr.write(
+            f"train: note: --rows {_VELOCITY} with --constants-sd {args.constants_sd:.3g}: the"
+            " velocity alone does not tell soil constants from the ground, and the intervals of c"
+            " and tan phi are too narrow: give 0 where the constants are exact, as those of a"
+            " simulation\n"
+        )
 
 
 def file_names(rovers: Sequence[Rover], soils: Sequence[Soil]) -> list[str]:
@@ -271,6 +307,13 @@ def _add_training(parser: argparse.ArgumentParser, recipe: Recipe) -> None:
         " the same everywhere",
     )
     parser.add_argument(
+        "--rows",
+        choices=_ROWS,
+        default=_ALL,
+        help="regression rows that count; velocity: that row alone, for data whose sinkages follow"
+        " from no balance of the load",
+    )
+    parser.add_argument(
         "--orthogonality",
         choices=[penalty.name.lower() for penalty in Orthogonality],
         default=recipe.orthogonality.name.lower(),
@@ -311,8 +354,12 @@ def options_of(args: argparse.Namespace, device: torch.device) -> tuple[str, ...
 
 
 def written(options: dict[str, object]) -> tuple[str, ...]:
-    """Return options as the command line takes them."""
-    return tuple(f"--{name.replace('_', '-')}={value}" for name, value in sorted(options.items()))
+    """Return options as the command line takes them; ``--rows`` only where not all count."""
+    return tuple(
+        f"--{name.replace('_', '-')}={value}"
+        for name, value in sorted(options.items())
+        if (name, value) != ("rows", _ALL)
+    )
 
 
 def _prior(args: argparse.Namespace) -> Prior:
@@ -329,7 +376,8 @@ def _physics(
     prior = _prior(args)
     own = {name: value for name, value in vars(args).items() if name in _OF_PHYSICS}
     training = Training(args.seed, 0, 0.0, torch.__version__, written(own))
-    return build_model(rover, soils, prior=prior), training, []
+    model = build_model(rover, soils, prior=prior, used_rows=_ROWS[args.rows])
+    return model, training, []
 
 
 def _trained(

@@ -169,6 +169,13 @@ class CoreConfig:
                     " or none"
                 )
 
+    def of_velocity_alone(self) -> "CoreConfig":
+        """Return the parameters for a model of the velocity row alone, without other sensors.
+
+        The pitch is still that of the imu: it is read before.
+        """
+        return dataclasses.replace(self, use_torque=False, use_imu=False, use_moments=False)
+
     def of_model(self, *, by_wheel: bool) -> "CoreConfig":
         """Return the parameters for a model by axle or by wheel, whose range of slip is wider."""
         own = self.slip_minimum, self.slip_maximum

@@ -37,6 +37,7 @@ class Deciding:
 
     moments: tuple[str, ...]  # rows of the model that are balances of moments
     beside: tuple[str, ...]  # rows of the model that every observation has
+    load: bool  # whether the load row counts
     wheels: tuple[str, ...]  # names; none of a model by axle
     needs_rates: bool  # whether a wheel without a rate is outside the model's range
 
@@ -44,8 +45,9 @@ class Deciding:
     def of(cls, model: LoadedModel, wheels: SingleWheels | None) -> "Deciding":
         """Take the rows of a model; ``wheels`` where it is one by wheel."""
         return cls(
-            tuple(row for row in model.rows if "moment" in row),
-            tuple(row for row in model.rows if row in BESIDE),
+            tuple(row for row in model.used_rows if "moment" in row),
+            tuple(row for row in model.used_rows if row in BESIDE),
+            "load" in model.used_rows,
             wheels.names if wheels else (),
             bool(model.effects),
         )
@@ -96,7 +98,9 @@ class Deciding:
     def _balances(self, observation: Observation) -> tuple[str, ...]:
         # less what turns the wheel, which is unknown without its rate
         moments = self.moments if math.isfinite(observation.bogie_angle) else ()
-        if math.isnan(observation.sinkage[0]):  # the other balances are spent on the sinkages
+        if not self.load or math.isnan(
+            observation.sinkage[0]
+        ):  # the other balances are spent on the sinkages
             return tuple(row for row in moments if row == ROLL_MOMENT)
         return ("load", *moments)
 

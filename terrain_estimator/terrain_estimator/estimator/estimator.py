@@ -65,14 +65,17 @@ class Estimator:
         self._effects = model.effects
         self._law_in_doubt = law_in_doubt(effect.name for effect in model.effects)
         config = config.of_model(by_wheel=bool(model.metadata.wheels))
-        self._config, self._balances_sinkage = config, model.balances_sinkage
-        self._wheels, self._body = SingleWheels.of(model.metadata), _turning_body(model)
-        self._deciding = Deciding.of(model, self._wheels)
         if not (config.use_sinkage or model.balances_sinkage):
             raise ConfigError(
                 f"parameter use_sinkage: model {model.model_id} needs every sinkage: it has named"
-                " effects, another contact law or a torque gain that is not known"
+                " effects, another contact law, a torque gain that is not known, or the velocity"
+                " row alone: set it to true"
             )
+        if model.metadata.velocity_alone:
+            config = config.of_velocity_alone()
+        self._config, self._balances_sinkage = config, model.balances_sinkage
+        self._wheels, self._body = SingleWheels.of(model.metadata), _turning_body(model)
+        self._deciding = Deciding.of(model, self._wheels)
         self._step_s, self._block = model.metadata.step_s, model.metadata.block
         self._beliefs = Beliefs.of(model.metadata, config)
         self._gate = limit(config.gate_probability, 1)

@@ -108,10 +108,13 @@ def _with_noise(observation: Observation, config: ConversionConfig) -> Observati
     )
 
 
-def doubt_of(sensors: SensorBounds, config: EstimatorConfig) -> str:
+def doubt_of(
+    sensors: SensorBounds, config: EstimatorConfig, *, velocity_alone: bool = False
+) -> str:
     """Return a warning where the sensors tell too little on some soils; empty where on none.
 
-    Raises ConfigError where they do on every soil, unless site knowledge says what tan phi is.
+    Raises ConfigError where they do on every soil, unless site knowledge says what tan phi is, or
+    the model is of the velocity row alone: its data are no drives that balance loads.
     """
     if not sensors.poor:
         return ""
@@ -122,6 +125,11 @@ def doubt_of(sensors: SensorBounds, config: EstimatorConfig) -> str:
     )
     if len(sensors.poor) < len(sensors.bounds):
         return f"on some soils these sensors leave the ground to the prior: {found}"
+    if velocity_alone:
+        return (
+            "the velocity alone leaves the ground to the prior where sinkages carry the load; data"
+            f" with other slips and sinkages may tell more: {found}"
+        )
     if config.core.prior_tan_phi_sd:
         return f"these sensors leave the ground to your prior.tan_phi_mean: {found}"
     raise ConfigError(

@@ -31,7 +31,7 @@ from terrain_estimator.model.physics_with_effects import PhysicsWithEffects, nom
 from terrain_estimator.model.wheels_with_effects import WheelsWithEffects
 from terramechanics.effects import describe
 from terramechanics.effects.law import Law
-from terramechanics.terrain.soil import SCM
+from terramechanics.terrain.soil import LINEAR_STRESS, SCM, WONG_REECE
 from terramechanics.vehicle.wheel_places import WheelPlaces
 
 
@@ -96,6 +96,15 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpaca:
         raise ConfigError(
             f"model {loaded.model_id} is for ground that varies (--ground-variation of train);"
             " named effects need one of even ground: give that"
+        )
+    loaded.metadata.refuse_velocity_alone(
+        "the velocity alone does not tell a named effect from the ground: give the model of all"
+        " rows, made without --rows"
+    )
+    if law_of(loaded.metadata.soils) == LINEAR_STRESS:
+        raise ConfigError(
+            f"model {loaded.model_id} has soils of law {LINEAR_STRESS}: named effects are known for"
+            f" {WONG_REECE} and {SCM} alone"
         )
     plain, rover = restored(loaded), loaded.rover
     law = ScmStresses() if law_of(loaded.metadata.soils) == SCM else None

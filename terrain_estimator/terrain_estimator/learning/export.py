@@ -58,6 +58,12 @@ def export(
     if by_wheel:
         weights = BODY_PARAMETERS[: model.net.columns]
     constants = UNCERTAIN[: model.layout.constants]
+    rows = (
+        row_names_by_wheel(model.axles, len(rover.suspension))
+        if by_wheel
+        else row_names(model.axles)
+    )
+    used = tuple(row for row, use in zip(rows, model.every_row, strict=True) if use)
     metadata = Metadata(
         format=FORMAT,
         model_id=f"{path.stem}-{VERSION}",
@@ -65,9 +71,7 @@ def export(
         size=0,
         observation_axle_fields=PACKED_WHEEL_FIELDS,
         observation_scalar_fields=scalar_fields(model.axles, rates=False, by_wheel=by_wheel),
-        rows=row_names_by_wheel(model.axles, len(rover.suspension))
-        if by_wheel
-        else row_names(model.axles),
+        rows=rows,
         parameters=(
             "cohesion_kpa",
             "tan_phi",
@@ -85,6 +89,7 @@ def export(
         soils=tuple(soils),
         training=training,
         wheel_places=wheel_places,
+        used_rows=() if used == rows else used,
     )
     return save(model, metadata, path)
 

@@ -39,6 +39,9 @@ def check_model(model: str, rover: Rover) -> None:
             f"model {model} was made for another rover than {rover.name}: give its rover by"
             " --rover, or another --model"
         )
+    known.metadata.refuse_velocity_alone(
+        "the search compares all rows: give the model of all rows, made without --rows"
+    )
     if known.metadata.wheel_places is None:
         restored(known)
 

@@ -24,7 +24,7 @@ from terrain_estimator.model.constant_columns import ConstantColumns
 from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics import Physics, RoverBody
-from terrain_estimator.model.physics_by_law import PhysicsByLaw, ScmStresses
+from terrain_estimator.model.physics_by_law import LinearStresses, PhysicsByLaw, ScmStresses
 from terrain_estimator.model.physics_on_varying_ground import PhysicsOnVaryingGround
 from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior
 from terrain_estimator.model.row_names import row_names
@@ -85,24 +85,38 @@ def build_model(
     prior: Prior = DEFAULT_PRIOR,
     *,
     moments: bool = True,
+    used_rows: Sequence[str] = (),
 ) -> PAlpaca:
     """Return the model of a rover with these soils: its physics, and an untrained net.
 
     Without ``columns`` there is no net. With ``moments`` it has columns in the moment rows, too.
+    Where ``used_rows`` are named, no other row counts.
     """
     constants = torch.stack([soil.constants() for soil in soils])
     physics = Physics(body_of(rover), constants, prior.constants_sd)
     net = _net(rover, columns, hidden, moments=moments) if columns else _no_net(rover)
-    if law_of(soils) == SCM:
+    model = PAlpaca(_of_ground(physics, law_of(soils), prior), net, prior)
+    if used_rows:
+        names = row_names(rover.axles)
+        used = torch.tensor([float(name in used_rows) for name in names], dtype=torch.float64)
+        model.every_row.copy_(used)
+    return model
+
+
+def _of_ground(
+    physics: Physics, law: str, prior: Prior
+) -> Physics | PhysicsByLaw | PhysicsOnVaryingGround:
+    """Return the physics of a contact law on even ground, or on ground that varies."""
+    if law != WONG_REECE:
         if prior.ground_variation:
             raise ConfigError(
-                f"ground_variation {prior.ground_variation:g}: with law {SCM} the ground has to be"
+                f"ground_variation {prior.ground_variation:g}: with law {law} the ground has to be"
                 f" even: give 0, or soils of law {WONG_REECE}"
             )
-        return PAlpaca(PhysicsByLaw(physics, ScmStresses()), net, prior)
+        return PhysicsByLaw(physics, ScmStresses() if law == SCM else LinearStresses())
     if prior.ground_variation:
-        return PAlpaca(PhysicsOnVaryingGround(physics, prior.ground_variation), net, prior)
-    return PAlpaca(physics, net, prior)
+        return PhysicsOnVaryingGround(physics, prior.ground_variation)
+    return physics
 
 
 def _no_net(rover: Rover) -> NetFeatures:

@@ -93,7 +93,7 @@ class Pipeline:
             model_id=model.model_id,
             model_sha256=model.sha256,
             configuration_sha256=configuration_sha256(model, config),
-            rows=usable_rows(model.rows, config.core),
+            rows=usable_rows(model.used_rows, config.core),
             body_frame=config.conversion.body_frame or BODY_FRAME,
         )
 

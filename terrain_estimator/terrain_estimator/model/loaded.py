@@ -52,8 +52,13 @@ class LoadedModel:
 
     @property
     def rows(self) -> tuple[str, ...]:
-        """All regression rows that the model can use."""
+        """All regression rows of the model, in their order."""
         return self.metadata.rows
+
+    @property
+    def used_rows(self) -> tuple[str, ...]:
+        """Those of the rows that count."""
+        return self.metadata.used_rows or self.metadata.rows
 
 
 def check_layout(path: Path, model: LoadedModel) -> None:

@@ -28,6 +28,9 @@ FORMAT = 4
 TORQUE_GAIN = "torque_gain"
 """[1] Name of the parameter of a model that does not know the gain of its torques."""
 
+VELOCITY_ALONE = ("velocity",)
+"""The rows of a model for data whose sinkages follow from no balance."""
+
 MODELS = Path(terrain_estimator.__file__).parent / "models"
 DEFAULT_MODEL = "mars_rover"
 _LARGEST_FILE = 64 << 20
@@ -92,10 +95,16 @@ class Metadata:
     )
     effects: tuple[AddedEffect, ...] = ()
     wheel_places: WheelPlaces | None = None  # of a model by wheel; None: it is by axle
+    used_rows: tuple[str, ...] = ()  # the only rows that count; none named: all
 
     def __post_init__(self) -> None:
         if self.wheel_places is not None:
             self.wheel_places.check(self.rover)
+        if self.used_rows not in ((), VELOCITY_ALONE):
+            raise ConfigError(
+                f"used_rows {shortened(', '.join(self.used_rows))}: give"
+                f" {', '.join(VELOCITY_ALONE)}, or leave it out for all rows"
+            )
 
     @property
     def stations(self) -> int:
@@ -123,8 +132,22 @@ class Metadata:
         return self.prior.cohesion_sd_pa, self.prior.tan_phi_sd
 
     @property
+    def velocity_alone(self) -> bool:
+        """Whether the velocity row alone counts: no balance of loads, torques or moments."""
+        return self.used_rows == VELOCITY_ALONE
+
+    def refuse_velocity_alone(self, why: str) -> None:
+        """Raise ModelFileError that says ``why`` where the velocity row alone counts."""
+        if self.velocity_alone:
+            raise ModelFileError(
+                f"model {self.model_id} uses the velocity row alone (train --rows velocity): {why}"
+            )
+
+    @property
     def balances_sinkage(self) -> bool:
         """Whether the model can take sinkages that no sensor measures from the balances."""
+        if self.velocity_alone:
+            return False
         known = TORQUE_GAIN not in self.parameters
         return known and not self.effects and all(soil.law == WONG_REECE for soil in self.soils)
 
@@ -178,6 +201,8 @@ def write_metadata(path: Path, metadata: Metadata) -> None:
             del soil["law"]
     if content["wheel_places"] is None:
         del content["wheel_places"]
+    if not content["used_rows"]:
+        del content["used_rows"]
     path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 

@@ -25,6 +25,7 @@ from terrain_estimator.model.rows import (
 )
 from terramechanics.contact.ruts import REBOUND, ruts_now
 from terramechanics.contact.scm import Rut, scm_forces
+from terramechanics.contact.stresses import wheel_forces_linear_stress
 from terramechanics.simulation.plant import ContactInputs
 from terramechanics.vehicle.suspension import along_body
 
@@ -51,13 +52,28 @@ class ScmStresses(nn.Module):
         )  # fmt: skip
 
 
+class LinearStresses(nn.Module):
+    """The contact law linear_stress, the paper's closed form; every wheel is on fresh ground."""
+
+    def ruts(self, slip: Tensor, sinkage: Tensor, radius: float) -> Rut:
+        """Return fresh ground [..., A]."""
+        del slip, radius
+        return Rut(torch.zeros_like(sinkage), torch.zeros_like(sinkage))
+
+    def forward(self, inputs: ContactInputs, contact: ContactModel) -> Tensor:
+        """Return the coefficients of the forces, [..., n, A, 3, 3]."""
+        return wheel_forces_linear_stress(
+            inputs.slip, inputs.sinkage, inputs.constants, contact.radius, contact.width
+        )
+
+
 class PhysicsByLaw(nn.Module):
     """Physics whose forces are those of another contact law.
 
     It has the methods of :class:`~terrain_estimator.model.physics.Physics` that the model calls.
     """
 
-    def __init__(self, nominal: Physics, stresses: ScmStresses) -> None:
+    def __init__(self, nominal: Physics, stresses: ScmStresses | LinearStresses) -> None:
         """Take the physics of rover and soils, and the contact law."""
         super().__init__()
         self.nominal, self.stresses = nominal, stresses

@@ -52,7 +52,7 @@ def judge_sensors(model: LoadedModel, config: EstimatorConfig) -> tuple[SensorBo
     """
     drives = reference_drives(model_path(config.model), model.metadata)
     bounds = bounds_of(model, config, drives)
-    return bounds, doubt_of(bounds, config)
+    return bounds, doubt_of(bounds, config, velocity_alone=model.metadata.velocity_alone)
 
 
 def write_drives(path: Path, metadata: Metadata, drives: Drives) -> None:

@@ -33,7 +33,9 @@ def _run(replay: Replay, model: LoadedModel) -> ReplayedRun:
         span_s=replay.span_s,
         status=replay.status.lower().replace("_", " "),
         status_text=(
-            status_text(last.update, Status[replay.status], model.rows, last.notes) if last else ""
+            status_text(last.update, Status[replay.status], model.used_rows, last.notes)
+            if last
+            else ""
         ),
         disagreements=[each.finding for each in replay.disagreements],
         remarks=remarks(replay),
@@ -81,7 +83,9 @@ def _origin(replays: Sequence[Replay], model: LoadedModel, config: EstimatorConf
             for each in parameters(EstimatorConfig)
         ],
         citations=list(
-            citations(model.rows, model.metadata.parameters, [each.name for each in model.effects])
+            citations(
+                model.used_rows, model.metadata.parameters, [each.name for each in model.effects]
+            )
         ),
     )
 

@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 
 from terramechanics.contact.scm import Rut, scm_forces
-from terramechanics.contact.stresses import many_wheel_forces
-from terramechanics.terrain.soil import SCM, WONG_REECE
+from terramechanics.contact.stresses import many_wheel_forces, wheel_forces_linear_stress
+from terramechanics.terrain.soil import LINEAR_STRESS, SCM, WONG_REECE
 
 
 class ContactLaw(Protocol):
@@ -81,4 +81,28 @@ def _scm(
     return _compiled_scm()(slip, sinkage, constants, radius, width, nodes, exit_angle, rut)
 
 
-_LAWS: dict[str, ContactLaw] = {WONG_REECE: _wong_reece, SCM: _scm}
+def _linear_stress(
+    slip: Tensor,
+    sinkage: Tensor,
+    constants: Tensor,
+    radius: float,
+    width: float,
+    nodes: Tensor,
+    exit_angle: Tensor | None = None,
+    slip_angle: Tensor | None = None,
+    rut: Rut | None = None,
+) -> Tensor:
+    del nodes, rut
+    if exit_angle is not None or slip_angle is not None:
+        raise ValueError(
+            "the contact law linear_stress ends below the axle and has no side force: give no exit"
+            " angle and no slip angle"
+        )
+    return wheel_forces_linear_stress(slip, sinkage, constants, radius, width)
+
+
+_LAWS: dict[str, ContactLaw] = {
+    WONG_REECE: _wong_reece,
+    SCM: _scm,
+    LINEAR_STRESS: _linear_stress,
+}

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 CONSTANTS = ("n", "k_c", "k_phi", "shear_modulus", "c1", "c2")
 """Order of the soil constants in a tensor: [1], [Pa/m^(n-1)], [Pa/m^n], [m], [1], [1]."""
-WONG_REECE, SCM = "wong_reece", "scm"
-LAWS = (WONG_REECE, SCM)
+WONG_REECE, SCM, LINEAR_STRESS = "wong_reece", "scm", "linear_stress"
+LAWS = (WONG_REECE, SCM, LINEAR_STRESS)
 """Contact laws by name, see terramechanics.contact.laws."""
 
 
@@ -46,7 +46,7 @@ class Soil:
     tan_phi: float = number(
         "tangent of the internal friction angle, a typical value", "1", 0.0, 2.0
     )
-    law: str = entry("contact law of wheels: wong_reece or scm", WONG_REECE)
+    law: str = entry("contact law of wheels: wong_reece, scm or linear_stress", WONG_REECE)
 
     def __post_init__(self) -> None:
         """Check the law. Raises ConfigError."""

@@ -158,6 +158,39 @@ def test_an_option_of_the_training_is_refused_where_nothing_is_trained(
     assert not (tmp_path / "models").exists()
 
 
+def test_a_model_of_the_velocity_alone_says_so_in_its_name_and_its_description(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = ["--rover", "mars_rover", "--soil", "loose_sand", "--rows", "velocity"]
+    assert train.main([*own, "--constants-sd", "0", "--out", str(tmp_path)]) == 0
+    assert not capsys.readouterr().err
+    path = tmp_path / "mars_rover-loose_sand_velocity_alone.pt"
+    loaded = load_model(str(path))
+    assert loaded.used_rows == ("velocity",)
+    assert loaded.metadata.training.options == (
+        "--columns=0",
+        "--constants-sd=0.0",
+        "--ground-variation=0.0",
+        "--rows=velocity",
+    )
+    assert path.with_suffix(".drive.npz").is_file()
+    assert train.main([*own, "--out", str(tmp_path)]) == 0
+    assert "the velocity alone does not tell soil constants" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--columns", "6"), ("--ground-variation", "0.02"), ("--soil", "loose_sand compact_sand")],
+)
+def test_what_the_velocity_alone_does_not_go_with_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str
+) -> None:
+    own = ["--soil", "loose_sand", "--rows", "velocity", option, *value.split()]
+    assert train.main([*own, "--out", str(tmp_path / "models")]) == 2
+    assert f"{option} {value} with --rows velocity: " in capsys.readouterr().err
+    assert not (tmp_path / "models").exists()
+
+
 def test_installed_models_are_not_replaced(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from terramechanics.contact.laws import contact_law
 from terramechanics.contact.stresses import (
     entry_angle,
     in_range,
@@ -236,3 +237,14 @@ def test_linear_stresses_of_many_wheels_are_those_of_each() -> None:
     for index in range(3):
         alone = wheel_forces_linear_stress(slip[index], sinkage[index], soil.constants(), 0.4, 0.1)
         torch.testing.assert_close(together[index], alone, rtol=1e-12, atol=0.0)
+
+
+def test_linear_stresses_are_a_contact_law_by_name() -> None:
+    soil, slip = load_soil("loose_sand"), torch.linspace(-0.3, 0.9, 7, dtype=torch.float64)
+    arguments = (slip, torch.full_like(slip, 0.02), soil.constants(), 0.4, 0.1)
+    law = contact_law("linear_stress")
+    assert torch.equal(law(*arguments, quadrature()), wheel_forces_linear_stress(*arguments))
+    with pytest.raises(ValueError, match="no exit angle and no slip angle"):
+        law(*arguments, quadrature(), exit_angle=slip)
+    with pytest.raises(ValueError, match="no exit angle and no slip angle"):
+        law(*arguments, quadrature(), slip_angle=slip)

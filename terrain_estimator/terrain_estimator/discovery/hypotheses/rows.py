@@ -11,6 +11,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.effect_rows import EffectRows, Observed
@@ -41,7 +42,7 @@ from terramechanics.contact.scm import Rut
 from terramechanics.contact.stresses import quadrature
 from terramechanics.effects.law import Law
 from terramechanics.simulation.plant import ContactInputs
-from terramechanics.terrain.soil import WONG_REECE, Soil
+from terramechanics.terrain.soil import LINEAR_STRESS, SCM, WONG_REECE, Soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import geometry_of
 from terramechanics.vehicle.wheel_places import WheelPlaces
@@ -98,8 +99,14 @@ def nominal_of(
 ) -> Nominal:
     """Return the nominal model; ``prior`` is that of the model which may lack an effect.
 
-    ``places`` are given where wheels are taken one by one.
+    ``places`` are given where wheels are taken one by one. Raises ConfigError where effects are not
+    known for the soil's contact law.
     """
+    if soil.law == LINEAR_STRESS:
+        raise ConfigError(
+            f"soil {soil.name}: law {LINEAR_STRESS}: the search for effects knows {WONG_REECE} and"
+            f" {SCM} alone"
+        )
     if places is not None:
         nominal = physics_by_wheel(
             rover, places, soil.constants().unsqueeze(0), prior.constants_sd

@@ -39,6 +39,10 @@ def read_traction(model: str, rover: str) -> TractionModel:
         metadata = read_metadata(path.with_suffix(".json"))
         checked_bytes(path, metadata)
         driven = rover_of(metadata, rover)
+        metadata.refuse_velocity_alone(
+            "traction is forecast from the balances of load and moments, which its data do not"
+            " keep: give the model of all rows, made without --rows"
+        )
     except ModelFileError as error:
         raise ConfigError(str(error)) from error
     statics, why = statics_of(path, metadata)
