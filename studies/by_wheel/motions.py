@@ -33,6 +33,7 @@ from terramechanics.simulation.body_plant import BodyPlant
 from terramechanics.simulation.plant import Plant
 from terramechanics.terrain.surface import WAVELENGTHS, Surface, random_waves
 from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.steering import steered_command
 from terramechanics.vehicle.wheel_places import WheelPlaces, chassis_places, wheel_order
 
 CONSTANTS_OFF = 0.05
@@ -188,7 +189,7 @@ def lines(
 ) -> Iterator[tuple[str, ...]]:
     """Yield the lines of a rover's table, one for each of the ``chosen`` motions."""
     rover = load_rover(kind.rover)
-    steered = rover.wheel_names if kind.rover == "mars_rover" else ()
+    steered = rover.wheel_names if kind.command is steered_command else ()
     places = WheelPlaces(kind.track, kind.yaw_inertia, steered)
     in_chassis = chassis_places(rover)
     order = [in_chassis[k] for k in wheel_order(rover)]

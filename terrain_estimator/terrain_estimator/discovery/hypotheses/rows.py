@@ -98,7 +98,8 @@ def nominal_of(
 ) -> Nominal:
     """Return the nominal model; ``prior`` is that of the model which may lack an effect.
 
-    ``places`` are given where wheels are taken one by one.
+    ``places`` are given where wheels are taken one by one. Raises ConfigError for a rover that is
+    not planar without them.
     """
     if places is not None:
         nominal = physics_by_wheel(
@@ -106,6 +107,7 @@ def nominal_of(
         ).nominal
         contact, uncertain = nominal.nominal_contact(), nominal.uncertain[0]
         return Nominal(rover, soil, contact, uncertain, prior, places=places)
+    rover.check_planar()
     constants = soil.constants().unsqueeze(0)
     uncertain = uncertain_constants(constants, prior.constants_sd, rover.wheel_width)[0]
     stand_in = torch.tensor(
