@@ -75,7 +75,7 @@ def _suspensions(words: str) -> None:
     for kind in SUSPENSIONS:
         asked = [each for each in motions_of(kind) if words in each.words]
         sys.stdout.write(f"{Path(kind.rover).stem}:\n\n{table(HEAD, [])}")
-        for line in lines(kind, asked, samples=SAMPLES):
+        for line in lines(kind, asked, samples=SAMPLES, compile_core=True):
             sys.stdout.write(f"| {' | '.join(line)} |\n")
             sys.stdout.flush()
         sys.stdout.write("\n")

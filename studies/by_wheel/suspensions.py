@@ -9,6 +9,7 @@ from pathlib import Path
 
 from studies.by_wheel.motions import Motion
 from studies.off_plane import BUMPS, STEEP, Kind
+from terramechanics.presets import load_rover
 from terramechanics.vehicle.steering import skid_command, steered_command
 
 SAMPLES = 600
@@ -36,5 +37,9 @@ def motions_of(kind: Kind) -> list[Motion]:
         turn.but(f"hills of {STEEP:g}°", uneven=STEEP),
         bumpy,
         bumpy.but("no contact angles", angles=False),
-        *(each.but("no sinkages", sinkages=False) for each in (turn, slope, bumpy)),
+        *(
+            each.but("no sinkages", sinkages=False)
+            for each in (turn, slope, bumpy)
+            if load_rover(kind.rover).is_determined  # else every sinkage is needed
+        ),
     ]

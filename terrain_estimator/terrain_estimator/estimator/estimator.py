@@ -71,7 +71,8 @@ class Estimator:
         if not (config.use_sinkage or model.balances_sinkage):
             raise ConfigError(
                 f"parameter use_sinkage: model {model.model_id} needs every sinkage: it has named"
-                " effects, another contact law or a torque gain that is not known"
+                " effects, another contact law, a torque gain that is not known, or more axles than"
+                " balances tell the loads of"
             )
         self._step_s, self._block = model.metadata.step_s, model.metadata.block
         self._beliefs = Beliefs.of(model.metadata, config)

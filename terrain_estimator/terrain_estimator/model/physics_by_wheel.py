@@ -18,7 +18,7 @@ turning rover's acceleration ahead has the part -omega v_y, which comes with the
 (``packed_observation``).
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
@@ -140,14 +140,13 @@ class PhysicsByWheel(nn.Module):
         yaw_inertia: float,
         rows: Sequence[str],
         axles: list[int],
-        told: Collection[int],
         forces: nn.Module | None = None,
     ) -> None:
         """Take the physics with wheels in the place of axles, and what a planar rover lacks.
 
         ``wheel_y`` [W] is in m, ``yaw_inertia`` in kg m^2; ``rows`` are the rows' names and
-        ``axles`` the axles of the wheels, of which ``told`` are those that ``spent_rows`` is given.
-        ``forces`` is called as :class:`RollingForces`, which it is by default.
+        ``axles`` the axles of the wheels. ``forces`` is called as :class:`RollingForces`, which it
+        is by default.
         """
         super().__init__()
         self.nominal = nominal
@@ -167,7 +166,7 @@ class PhysicsByWheel(nn.Module):
         wheelbase = float(nominal.axle_x.amax() - nominal.axle_x.amin())
         unsteady = [nominal.gravity**2, (nominal.gravity / wheelbase * float(scaled)) ** 2]
         self.register_buffer("unsteady", torch.tensor(unsteady, dtype=torch.float64))
-        spent, telling = spent_rows(rows, axles, told)
+        spent, telling = spent_rows(rows, axles)
         self.register_buffer("spent", torch.tensor(spent))
         self.register_buffer("telling", torch.tensor(telling))
         pulled = [float(name in PULLED) for name in ("mean_velocity", *rows)]

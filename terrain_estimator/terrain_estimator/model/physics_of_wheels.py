@@ -37,5 +37,4 @@ def physics_by_wheel(
     )
     axles = [rover.wheels[k].axle for k in wheel_order(rover)]
     nominal = Physics(body, constants, constants_sd)
-    told = rover.told_axles
-    return PhysicsByWheel(nominal, side, places.yaw_inertia, rows, axles, told, forces)
+    return PhysicsByWheel(nominal, side, places.yaw_inertia, rows, axles, forces)

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sinkages of single wheels that no sensor measures.
 
-Load, moment and joints give one balance for each axle where balances determine the loads of these.
-An axle has two wheels, so torques of the others are spent, too, and all torques of axles beyond.
-(The roll moment would do for one of them, but the lateral velocity has a large error in it.)
-With b these rows and z the relative change of the missing sinkages, known to a deviation s,
+Load, moment and joints give one balance for each axle, which has two wheels, so torques of the
+others are spent, too. (The roll moment would do for one of them, but the lateral velocity has a
+large error in it.) With b these rows and z the relative change of the missing sinkages, which is
+known to a deviation s,
 
     h - T b,    T = s^2 dh/dz (db/dz)' (s^2 db/dz (db/dz)' + V)^-1,
 
@@ -14,7 +14,7 @@ is; this T leaves least of the sinkages in it (the gain of a Kalman step). What 
 where a wheel hardly slips and its torque hardly depends on its load, stays a source of noise.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
@@ -141,18 +141,15 @@ def without_spent(columns: Tensor, taken: Tensor, spent: Tensor) -> Tensor:
     return columns - taken @ columns.index_select(1, spent)
 
 
-def spent_rows(
-    rows: Sequence[str], axles: list[int], told: Collection[int]
-) -> tuple[list[int], list[int]]:
+def spent_rows(rows: Sequence[str], axles: list[int]) -> tuple[list[int], list[int]]:
     """Return the places of the rows that missing sinkages cost, and of those that tell them.
 
-    ``axles`` are those of the wheels, front to rear, left before right, and ``told`` those whose
-    loads follow from balances if all others are known. Kept are the roll moment, in which the
-    lateral velocity has a large error, and the torque of the last wheel of each axle that is told:
+    ``axles`` are those of the wheels, front to rear, left before right. Kept are the roll moment,
+    in which the lateral velocity has a large error, and the torque of the last wheel of each axle:
     the other balances tell its load, if those of the others are known.
     """
     telling = [place for place, row in enumerate(rows) if row == "load" or "moment" in row]
-    kept = {len(axles) - 1 - axles[::-1].index(axle) for axle in told}
+    kept = {len(axles) - 1 - axles[::-1].index(axle) for axle in set(axles)}
     torques = [f"torque_{wheel}" for wheel in range(len(axles)) if wheel not in kept]
     balances = [place for place in telling if rows[place] != ROLL_MOMENT]
     return [*balances, *map(rows.index, torques)], telling

@@ -217,6 +217,16 @@ class Rover:
         left_out = {each.name for each in fields(self) if getattr(self, each.name) == each.default}
         return {key: value for key, value in asdict(self).items() if key not in left_out}
 
+    def record(self) -> dict[str, Any]:
+        """Return every key and value, by which files recognise a rover.
+
+        A key that is younger than such files is left out where it has its default.
+        """
+        younger = {} if self.differential else {"differential": False}
+        every = asdict(self)
+        del every["differential"]
+        return every | younger
+
     def check_planar(self) -> None:
         """Raise ConfigError where the loads of a planar rover do not follow from its balances."""
         if not self.is_determined:
@@ -238,20 +248,6 @@ class Rover:
     def is_determined(self) -> bool:
         """Whether balances determine the loads where left and right move alike."""
         return self.axles == len(self.suspension) + LEAST_BEARING
-
-    @property
-    def told_axles(self) -> tuple[int, ...]:
-        """Axles whose loads balances tell, if those of all others are known.
-
-        They are those on joints and, of those on the body, the one furthest from a joint or, where
-        there is none, the first and the last.
-        """
-        on_body = [axle for axle in range(self.axles) if not self.is_on_joint(axle)]
-        if not self.suspension:
-            return on_body[0], on_body[-1]
-        (joint,) = self.suspension
-        furthest = max(on_body, key=lambda axle: abs(self.axle_x[axle] - joint.x))
-        return (*joint.axles, furthest)
 
     def is_on_joint(self, axle: int) -> bool:
         """Return whether a joint carries the axle; else the body does."""

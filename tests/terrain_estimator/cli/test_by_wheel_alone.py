@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from rover_parameters.records import ConfigError
 from rover_sim_node.config import SimulatorConfig
@@ -16,10 +17,13 @@ from rover_sim_node.run import SimulatedRun
 from rover_sim_node.turning_run import TurningRun
 from terrain_estimator.cli import find_missing_effect, model_by_wheel, train
 from terrain_estimator.compiled.finding import load
+from terrain_estimator.compiled.source import answers, recorded_drive
 from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
 from terrain_estimator.config.planner import AdviceConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.model.model_file import load_model
+from terrain_estimator.model.packed_observation import packed_size
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.offline.reference_drives import judge_sensors, reference_drives
 from terrain_estimator.planning.messages import advice_message
 from terrain_estimator.planning.planner import Planner
@@ -96,6 +100,9 @@ def test_a_drive_with_skid_steering_tells_the_ground(made: Path) -> None:
     path = made / "models" / "six_wheel_rover_by_wheel.pt"
     model = load_model(str(path))
     assert model.rover == SIX_WHEELS
+    assert not model.balances_sinkage
+    with pytest.raises(ConfigError, match=r"use_sinkage: .* needs every sinkage: .* more axles"):
+        Estimator(model, CoreConfig(use_sinkage=False))
     assert list(reference_drives(path, model.metadata)) == [SOIL.name]
     _, doubt = judge_sensors(load(str(path), "auto").model, EstimatorConfig(model=str(path)))
     assert doubt == ""
@@ -113,6 +120,23 @@ def test_a_drive_with_skid_steering_tells_the_ground(made: Path) -> None:
     deviation = np.sqrt(np.diag(estimate.covariance))
     assert (np.abs(estimate.mean - truth) < 3.0 * deviation).all()
     assert (deviation < 0.3 * np.array(model.metadata.prior_sd)).all()
+
+
+def test_the_drive_for_a_compiled_core_is_one_of_every_wheel(made: Path) -> None:
+    """Straight over hills, by the plant in three dimensions; the model follows it to the truth."""
+    model = load_model(str(made / "models" / "six_wheel_rover_by_wheel.pt"))
+    drive = recorded_drive(model.metadata)
+    assert drive.shape == (70, packed_size(6, by_wheel=True))
+    view = view_of(drive, 6)
+    assert (view.slip[30:44] < 0.5).all()
+    assert len(set(view.sinkage[40].tolist())) == 6
+    assert view.contact_angle.abs().max() > 0.02
+    answered = answers(model, drive)
+    assert torch.isfinite(answered[:, :4]).all()
+    c, tan_phi, c_variance, tan_phi_variance, *_ = answered[-1].tolist()
+    mean, sd = model.metadata.prior_mean, model.metadata.prior_sd  # the ground is the prior's
+    assert abs(1e3 * c - mean[0]) < 3e3 * c_variance**0.5
+    assert abs(tan_phi - mean[1]) < 3.0 * tan_phi_variance**0.5 < 1.5 * sd[1]
 
 
 def test_the_planner_knows_its_margins_and_says_that_it_leaves_out_the_front_wheels(
