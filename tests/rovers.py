@@ -45,3 +45,9 @@ BOGIE_IN_FRONT = mirrored(dataclasses.replace(MARS, centre_of_mass_x=0.06))
 UNEVEN = dataclasses.replace(FOUR_WHEELS, name="uneven", centre_of_mass_x=-0.05)
 KINDS = (MARS, PAPER, FOUR_WHEELS, BOGIE_IN_FRONT, UNEVEN)
 """A bogie behind (twice), four wheels without a joint (twice), and a bogie in front."""
+_EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
+SIX_WHEELS = load_rover(_EXAMPLES / "six_wheel_rover.yaml")
+EIGHT_WHEELS = load_rover(_EXAMPLES / "eight_wheel_rover.yaml")
+FIXED_ROCKERS = load_rover(_EXAMPLES / "fixed_rocker_rover.yaml")
+BY_WHEEL_ALONE = (SIX_WHEELS, EIGHT_WHEELS)
+"""Whose loads balances do not determine, so that they are never planar."""

@@ -21,7 +21,7 @@ from torch import Tensor
 from msg_defs.msg import TerrainTruth, WheelSinkage, WheelSlip
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.reading import FIXED, STRAIGHT, GroundTruth, SimulatedReading
-from terramechanics.description.layout import STEERING_SUFFIX, SUSPENSION_JOINTS
+from terramechanics.description.layout import BOGIE, STEERING_SUFFIX, suspension_joints
 from terramechanics.effects import describe
 from terramechanics.terrain.soil import CONSTANTS
 
@@ -155,11 +155,9 @@ def _odometry(reading: SimulatedReading, header: Header, body_frame: str) -> Odo
 def _joint_states(reading: SimulatedReading, header: Header) -> JointState:
     """Return every wheel, the suspension's joints, and the steering of wheels that have one."""
     measured, names = reading.measured, list(reading.rover.wheel_names)
-    joints = []
-    if reading.rover.suspension:
-        # left and right move alike, so the rocker does not turn against the body
-        moved = (0.0, 0.0), (reading.bogie_angle, reading.bogie_rate)
-        joints += [(name, *each) for name, each in zip(SUSPENSION_JOINTS, moved, strict=True)]
+    # left and right move alike, so the rocker does not turn against the body
+    moved = {BOGIE: (reading.bogie_angle, reading.bogie_rate)}
+    joints = [(name, *moved.get(name, (0.0, 0.0))) for name in suspension_joints(reading.rover)]
     if reading.steering is not None:
         angles = zip(names, reading.steering.tolist(), strict=True)
         joints += [(f"{name}{STEERING_SUFFIX}", angle, math.nan) for name, angle in angles]

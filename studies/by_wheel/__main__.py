@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """python -m studies.by_wheel prints the tables.
 
-With --planner it prints that of the planner's stops, with --effects those of models with effects.
+With --planner it prints that of the planner's stops, with --effects those of models with effects,
+with --suspensions those of rovers whose loads balances do not determine.
 """
 
 import sys
+from pathlib import Path
 
 import torch
 
@@ -13,6 +15,7 @@ from studies.by_wheel import added
 from studies.by_wheel.bound import BOUND_HEAD, bound_lines
 from studies.by_wheel.motions import HEAD, HIDDEN, TYPICAL, lines, motions
 from studies.by_wheel.stops import STOP_HEAD, stop_lines
+from studies.by_wheel.suspensions import SAMPLES, SUSPENSIONS, motions_of
 from studies.command import study_parser
 from studies.off_plane import KINDS
 from studies.tables import table
@@ -29,6 +32,9 @@ def main(argv: list[str] | None = None) -> int:
         choices=added.NAMES,
         help="models with these effects; without a name: with each that a model by wheel can have",
     )
+    parser.add_argument(
+        "--suspensions", action="store_true", help="rovers whose loads balances do not determine"
+    )
     parser.add_argument("--motions", default="", help="only those whose words hold this text")
     parser.add_argument("--own", action="store_true", help="hide them by the models' own laws")
     options = parser.parse_args(argv)
@@ -41,6 +47,9 @@ def main(argv: list[str] | None = None) -> int:
                 sys.stdout.write(f"| {' | '.join(line)} |\n")
                 sys.stdout.flush()
             sys.stdout.write("\n")
+        return 0
+    if options.suspensions:
+        _suspensions(options.motions)
         return 0
     if options.motions:
         for kind in KINDS:
@@ -59,6 +68,17 @@ def main(argv: list[str] | None = None) -> int:
         sys.stdout.flush()
     sys.stdout.write(f"skid-steer of 60 kg, 60 s:\n\n{table(BOUND_HEAD, bound_lines())}\n")
     return 0
+
+
+def _suspensions(words: str) -> None:
+    """Print the tables of rovers whose loads balances do not determine, line by line."""
+    for kind in SUSPENSIONS:
+        asked = [each for each in motions_of(kind) if words in each.words]
+        sys.stdout.write(f"{Path(kind.rover).stem}:\n\n{table(HEAD, [])}")
+        for line in lines(kind, asked, samples=SAMPLES, compile_core=True):
+            sys.stdout.write(f"| {' | '.join(line)} |\n")
+            sys.stdout.flush()
+        sys.stdout.write("\n")
 
 
 if __name__ == "__main__":

@@ -11,7 +11,9 @@ import torch
 from numpy.typing import NDArray
 
 from studies.off_plane import SOIL
-from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.compiled.finding import ends_here, load
+from terrain_estimator.compiled.folder import build_core, flags_by_end, write_core
+from terrain_estimator.config.estimator import COMPILED, CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.by_wheel import build_model_by_wheel
 from terrain_estimator.learning.export import export
@@ -51,6 +53,14 @@ def model_of_soils(
     model = build_model_by_wheel(rover, places, soils, prior, torque_sd)
     export(model, rover, soils, Training(0, 0, 0.0, torch.__version__), path, places)
     return load_model(str(path))
+
+
+def compiled(path: Path) -> LoadedModel:
+    """Compile the core of a model in its folder, which takes a minute, and load it."""
+    end, core = ends_here()[0], path.with_name(f"{path.stem}_core")
+    write_core(path, core)
+    build_core(core, path.with_suffix(end), *flags_by_end()[end])
+    return load(str(path), COMPILED).model
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from studies.by_wheel.drives import SEED, ended, model_by_wheel
+from studies.by_wheel.drives import SEED, compiled, ended, model_by_wheel
 from studies.off_plane import (
     BUMPS,
     DRIVES,
@@ -33,6 +33,7 @@ from terramechanics.simulation.body_plant import BodyPlant
 from terramechanics.simulation.plant import Plant
 from terramechanics.terrain.surface import WAVELENGTHS, Surface, random_waves
 from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.steering import steered_command
 from terramechanics.vehicle.wheel_places import WheelPlaces, chassis_places, wheel_order
 
 CONSTANTS_OFF = 0.05
@@ -184,11 +185,19 @@ def motions(rover: str) -> list[Motion]:
 
 
 def lines(
-    kind: Kind, chosen: Sequence[Motion], drives: int = DRIVES, samples: int = SAMPLES
+    kind: Kind,
+    chosen: Sequence[Motion],
+    drives: int = DRIVES,
+    samples: int = SAMPLES,
+    *,
+    compile_core: bool = False,
 ) -> Iterator[tuple[str, ...]]:
-    """Yield the lines of a rover's table, one for each of the ``chosen`` motions."""
+    """Yield the lines of a rover's table, one for each of the ``chosen`` motions.
+
+    With ``compile_core`` the models are compiled before, which pays for long drives.
+    """
     rover = load_rover(kind.rover)
-    steered = rover.wheel_names if kind.rover == "mars_rover" else ()
+    steered = rover.wheel_names if kind.command is steered_command else ()
     places = WheelPlaces(kind.track, kind.yaw_inertia, steered)
     in_chassis = chassis_places(rover)
     order = [in_chassis[k] for k in wheel_order(rover)]
@@ -198,6 +207,8 @@ def lines(
             path = Path(folder) / "model.pt"
             torque_sd = (gain_sd,) if gain_sd else ()
             models[gain_sd] = model_by_wheel(rover, places, DEFAULT_PRIOR, path, torque_sd)
+            if compile_core:
+                models[gain_sd] = compiled(path)
     for motion in chosen:
         generator = torch.Generator().manual_seed(SEED)
         drawn = torch.rand(DRIVES, 6, generator=generator, dtype=torch.float64)

@@ -121,6 +121,7 @@ def test_a_wrong_soil_is_refused_by_name(
 
 
 WHEELS = yaml.safe_load(MARS)["wheels"]
+SIDES = ("left", "right")
 NO_BOGIE: dict[str, object] = {"bogie_pivot_x": None, "bogie_pivot_height": None}
 BOGIE: dict[str, object] = {"axles": [0, 1], "x": 0.35, "height": 0.3}
 
@@ -150,6 +151,36 @@ def test_four_wheels_have_no_joint() -> None:
     assert "joints" not in rover.content()
 
 
+def test_a_rigid_body_may_have_any_number_of_axles(tmp_path: Path) -> None:
+    rigid = load_rover(written(tmp_path, MARS, **NO_BOGIE))
+    assert (rigid.axles, rigid.suspension, rigid.is_determined) == (3, (), False)
+    wheels = [*WHEELS, *({"name": f"w{k}", "axle": 3, "side": SIDES[k]} for k in (0, 1))]
+    long = {"axle_x": [0.7, 0.0, -0.7, -1.4], "wheels": wheels}
+    bogie = load_rover(written(tmp_path, MARS, **NO_BOGIE, **long, joints=[BOGIE]))
+    assert (bogie.axles, bogie.is_determined) == (4, False)
+    for rover in (rigid, bogie):
+        with pytest.raises(
+            ConfigError, match=r"mars_rover: axle_x has \d axles and joints \d: .* model by wheel"
+        ):
+            rover.check_planar()
+    load_rover("mars_rover").check_planar()
+
+
+def test_rockers_may_be_fixed_and_files_of_before_have_a_differential(tmp_path: Path) -> None:
+    mars = load_rover("mars_rover")
+    assert mars.differential
+    assert "differential" not in mars.content()
+    same = load_rover(written(tmp_path, MARS, differential=True))
+    assert same.content() == mars.content()
+    # files beside models recognise their rover by what they recorded
+    assert sorted(mars.record()) == sorted({*mars.content(), "joints"})
+    fixed = load_rover(written(tmp_path, MARS, differential=False))
+    assert fixed.record() == mars.record() | {"differential": False}
+    assert fixed.content() == mars.content() | {"differential": False}
+    assert fixed.is_determined
+    assert fixed.first_difference(mars) == ("differential", False, True)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -158,18 +189,23 @@ def test_four_wheels_have_no_joint() -> None:
         ({"axle_x": [0.7, 0.0]}, r"bogie_pivot_x is the pivot .* axle_x has 2: leave it out"),
         ({"axle_x": [0.7, 0.0], "bogie_pivot_x": None}, r"bogie_pivot_height are one joint"),
         ({"axle_x": [0.7, 0.0], **NO_BOGIE}, r"wheel \w+: axle 2: axle_x has axles 0 to 1"),
-        ({"axle_x": [0.7], **NO_BOGIE}, r"axle_x has 1 axle and joints 0: give two axles and no"),
+        ({"axle_x": [0.7], **NO_BOGIE}, r"axle_x has 1 axle and joints 0: the body needs 2 axles"),
         (
-            NO_BOGIE,
-            r"axle_x has 3 axles and joints 0: give two axles and no joint, or three and one",
+            {"axle_x": [0.7, 0.0], **NO_BOGIE, "joints": [BOGIE], "wheels": WHEELS[:4]},
+            r"axle_x has 2 axles and joints 1: the body needs 2 axles, .* a joint, or it .* folds",
         ),
         (
             {"axle_x": [0.9, 0.7, 0.0, -0.7], **NO_BOGIE},
-            r"axle_x has 4 axles and joints 0: give two axles and no joint, or three and one",
+            r"wheels: every one of the 4 axles needs the same number of wheels, got \[2, 2, 2, 0\]",
         ),
         (
+            {**NO_BOGIE, "differential": False},
+            r"differential false: without a joint there are no rockers .*: leave it out",
+        ),
+        ({"differential": "no"}, r"differential: expected true or false, got 'no'"),
+        (
             {**NO_BOGIE, "joints": [BOGIE | {"axles": axles} for axles in ([0, 1], [2, 3])]},
-            r"joints: 2 are given, at most 1 is supported",
+            r"joints: 2 are given, at most 1 is supported: an observation holds the angle of one",
         ),
         ({"joints": [BOGIE]}, r"bogie_pivot_height are one joint together: give both, or joints"),
         (

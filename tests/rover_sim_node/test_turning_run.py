@@ -435,7 +435,7 @@ def test_a_rover_file_with_two_left_wheels_on_an_axle_is_refused(tmp_path: Path)
     path = tmp_path / "rover.yaml"
     text = (Path(presets.__file__).parent / "rovers" / "four_wheel_rover.yaml").read_text()
     path.write_text(text.replace("side: right", "side: left", 1))
-    with pytest.raises(ConfigError, match="one left and one right"):
+    with pytest.raises(ConfigError, match="as many wheels left as right"):
         TurningRun(dataclasses.replace(SKID, rover=str(path)))
 
 

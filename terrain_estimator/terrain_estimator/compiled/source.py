@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The C++ source of a model: its functions, its tensors, and a drive with TorchScript's answers."""
 
+import math
 from pathlib import Path
 
 import torch
@@ -17,10 +18,16 @@ from terrain_estimator.model.model_file import checked_model, load_model
 from terrain_estimator.model.packed_observation import GROUPS, TIMING
 from terrain_estimator.model.packing import pack_measurement, view_of, with_slip, without_link
 from terrain_estimator.model.torchscript import running
+from terramechanics.simulation.by_wheel import sample_by_wheel
+from terramechanics.simulation.sample import TIME_STEP, Sample
 from terramechanics.simulation.sensors import LATERAL_SD, YAW_RATE_SD, Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
+from terramechanics.simulation.spatial import BodySimulation
 from terramechanics.terrain.ground import Ground, Patch
-from terramechanics.vehicle.wheel_places import wheel_order
+from terramechanics.terrain.profile import STEEPEST
+from terramechanics.terrain.surface import random_waves
+from terramechanics.vehicle.chassis import Chassis
+from terramechanics.vehicle.wheel_places import WheelPlaces, chassis_places, wheel_order
 
 METHODS = (
     "initial",
@@ -40,6 +47,8 @@ WATCHED_S = 20.0
 
 _LEAN = 0.005
 """[rad] Deviation of the roll."""
+_SWING, _STARTING = 0.3, 2.0
+"""[1], [s] Swing of the speed of a rover that is not planar, and the time to reach it."""
 
 HEAD = """\
 // Made from {name}.pt by terrain_estimator.compiled; do not edit.
@@ -132,6 +141,10 @@ def _packed_drive(metadata: Metadata, seconds: float) -> Tensor:
     generator = torch.Generator().manual_seed(1)
     strength = torch.tensor([metadata.prior_mean], dtype=torch.float64)
     soil = metadata.soils[0]
+    if metadata.wheel_places is not None and not metadata.rover.is_determined:
+        sample = _spatial_drive(metadata, metadata.wheel_places, strength, seconds, generator)
+        packed = pack_measurement(measure_drive(metadata.rover, sample, Noise(), generator))[0]
+        return _moving(packed, metadata.rover.wheel_radius * sample.wheel_rate[0], generator)
     ground = Ground([Patch(soil.constants().unsqueeze(0), strength, name=soil.name, law=soil.law)])
     drive = simulate(metadata.rover, ground, "S1", seconds, generator, 1)
     packed = pack_measurement(measure_drive(metadata.rover, drive.seen, Noise(), generator))[0]
@@ -153,12 +166,41 @@ def _by_wheel(
     first = GROUPS * rover.axles
     wheels = packed[:, :first].reshape(-1, GROUPS, rover.axles)[:, :, axles].flatten(1)
     rims = rover.wheel_radius * rates[:, axles]
+    return _moving(torch.cat([wheels, packed[:, first:]], 1), rims, generator)
+
+
+def _spatial_drive(
+    metadata: Metadata,
+    places: WheelPlaces,
+    strength: Tensor,
+    seconds: float,
+    generator: torch.Generator,
+) -> Sample:
+    """Return a straight drive over hills of a rover that is not planar, with a value a wheel."""
+    rover = metadata.rover
+    chassis = Chassis.of(rover, places.track_width, places.yaw_inertia)
+    surface = random_waves(1, STEEPEST, generator)
+    constants = metadata.soils[0].constants().unsqueeze(0)
+    simulation = BodySimulation(chassis, constants, strength, surface=surface)
+    straight = torch.zeros(1, chassis.wheels, dtype=torch.float64)
+    cruise, driven = sum(rover.cruise_speed) / 2.0, []
+    for step in range(1, round(seconds / TIME_STEP) + 1):
+        swing = 1.0 + _SWING * math.sin(step * TIME_STEP)
+        ramp = min(step * TIME_STEP / _STARTING, 1.0)
+        driven.append(simulation.step(straight + cruise * swing * ramp, straight))
+    in_chassis = chassis_places(rover)
+    return sample_by_wheel(rover, driven, [in_chassis[k] for k in wheel_order(rover)])
+
+
+def _moving(packed: Tensor, rims: Tensor, generator: torch.Generator) -> Tensor:
+    """Return a straight drive [n, P] with rims [n, W] [m/s] and noise in how it moves aside."""
+    first = GROUPS * rims.shape[1]
     noise = torch.randn(len(packed), 3, generator=generator, dtype=torch.float64)
     spreads = torch.tensor([LATERAL_SD, YAW_RATE_SD, _LEAN], dtype=torch.float64).expand_as(noise)
     lateral, turn, roll = (noise * spreads).unbind(1)
     of_lateral, of_turn, of_roll = spreads.unbind(1)
     moved = torch.stack([lateral, of_lateral, turn, of_turn, roll, of_roll], 1)
-    rest = packed[:, first:]
+    wheels, rest = packed[:, :first], packed[:, first:]
     parts = [wheels, rest[:, :-TIMING], rims, torch.zeros_like(rims), moved, rest[:, -TIMING:]]
     return torch.cat(parts, 1)
 

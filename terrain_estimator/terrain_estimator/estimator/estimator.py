@@ -68,8 +68,8 @@ class Estimator:
         if not (config.use_sinkage or model.balances_sinkage):
             raise ConfigError(
                 f"parameter use_sinkage: model {model.model_id} needs every sinkage: it has named"
-                " effects, another contact law, a torque gain that is not known, or the velocity"
-                " row alone: set it to true"
+                " effects, another contact law, a torque gain that is not known, more axles than"
+                " balances tell the loads of, or the velocity row alone: set it to true"
             )
         if model.metadata.velocity_alone:
             config = config.of_velocity_alone()

@@ -4,8 +4,8 @@
 
 Wheels are the continuous joints whose child has a cylinder and whose axis lies across the body. A
 passive joint is one about an axis across the body that carries the wheels of two neighbouring axles
-of three, a steering joint one about a vertical axis that carries one wheel. Places are those at
-joint angles of zero.
+of more, a steering joint one about a vertical axis that carries one wheel. A joint across the body
+that carries a wheel of every axle is that of a rocker. Places are those at joint angles of zero.
 """
 
 import io
@@ -110,8 +110,11 @@ def rover_of_urdf(robot: "URDF", given: Given) -> FoundRover:
         "centre_of_mass_x": centre[0],
         "centre_of_mass_height": centre[1],
     }
-    if joints := _passive_joints(robot, given.body_frame, wheels, axles, ground):
+    joints, rockers = _passive_joints(robot, given.body_frame, wheels, axles, ground)
+    if joints:
         content["joints"] = joints
+        # rockers that turn against the body need a differential
+        content |= {} if rockers else {"differential": False}
     content |= {
         "cruise_speed": list(given.cruise_speed),
         "sinkage_noise_floor": 0.0003,
@@ -184,10 +187,13 @@ def _axles(wheels: Sequence[_Wheel]) -> tuple[list[float], list[int]]:
 
 def _passive_joints(
     robot: "URDF", body: str, wheels: Sequence[_Wheel], axles: Sequence[int], ground: float
-) -> list[dict[str, Any]]:
-    """Return the joints that carry two neighbouring axles of more, left and right as one."""
+) -> tuple[list[dict[str, Any]], bool]:
+    """Return the joints that carry two neighbouring axles of more, left and right as one.
+
+    Also whether rockers turn against the body.
+    """
     found: dict[tuple[int, ...], Floats] = {}
-    every = len(set(axles))
+    every, rockers = len(set(axles)), False
     for joint in robot.joint_map.values():
         if joint.type not in _TURNS or _axis(robot, joint, body) != "y":
             continue
@@ -195,16 +201,18 @@ def _passive_joints(
         carried = tuple(
             sorted({axle for wheel, axle in zip(wheels, axles, strict=True) if wheel.link in below})
         )
+        rockers = rockers or len(carried) == every
         if not 1 < len(carried) < every:
-            continue  # a wheel, or a rocker, which does not turn against the body in this model
+            continue  # a wheel, or a rocker
         pivot = robot.get_transform(joint.child, body)[[0, 2], 3]
         if carried in found and np.abs(found[carried] - pivot).max() > ALIKE:
             raise ConfigError(f"the joints of axles {list(carried)} have two places left and right")
         found[carried] = pivot
-    return [
+    joints = [
         {"axles": list(carried), "x": _rounded(pivot[0]), "height": _rounded(pivot[1] - ground)}
         for carried, pivot in found.items()
     ]
+    return joints, rockers
 
 
 def _links_below(robot: "URDF", link: str) -> set[str]:

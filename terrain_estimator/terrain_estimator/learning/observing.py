@@ -3,7 +3,6 @@
 """Observations of simulated drives, by axle and by wheel, which an estimator takes one by one."""
 
 import dataclasses
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,7 +11,8 @@ from torch import Tensor
 
 from terrain_estimator.observation import Floats, Observation
 from terramechanics.simulation.body_plant import BodyPlant
-from terramechanics.simulation.sample import TIME_STEP, Measurement, Sample
+from terramechanics.simulation.by_wheel import sample_by_wheel
+from terramechanics.simulation.sample import Measurement
 from terramechanics.simulation.sensors import LATERAL_SD, YAW_RATE_SD, Noise, measure_drive
 from terramechanics.simulation.spatial import BodySample
 from terramechanics.vehicle.rover import Rover
@@ -100,46 +100,14 @@ def observed(
     def stacked(name: str) -> Tensor:
         return torch.stack([getattr(sample, name) for sample in driven], 1)
 
-    def wheels(name: str) -> Tensor:
-        return stacked(name)[:, :, order]
-
-    velocity, slip, forces = stacked("velocity"), wheels("slip"), wheels("forces")
-    before = torch.cat([torch.zeros_like(velocity[:, :1]), velocity[:, :-1]], 1)
-    turned = velocity[..., 2] * TIME_STEP
-    ahead = torch.cos(turned) * before[..., 0] + torch.sin(turned) * before[..., 1]
-    level, never = torch.zeros_like(turned), torch.zeros_like(turned, dtype=torch.bool)
-    bogies = 2 * len(rover.suspension)  # left and right, before the differential
-    bogie = stacked("joints")[..., :bogies].mean(-1) if bogies else level
-    sample = Sample(
-        time=stacked("time"),
-        position=stacked("position")[..., 0],
-        height=level,
-        velocity=velocity[..., 0],
-        acceleration=(velocity[..., 0] - ahead) / TIME_STEP,
-        pitch=stacked("pitch"),
-        bogie_angle=bogie,
-        stuck=never,
-        standing=never,
-        slip=slip,
-        sinkage=wheels("sinkage"),
-        contact=torch.zeros_like(slip),
-        contact_angle=wheels("contact_angle"),
-        wheel_rate=wheels("rim") / rover.wheel_radius,
-        torque=wheels("torque"),
-        normal=forces[..., 0],
-        traction=forces[..., 1],
-        ground_torque=forces[..., 2],
-        valid=torch.isfinite(slip),
-        constants=torch.full((*slip.shape, 6), math.nan, dtype=torch.float64),  # no sensor's
-        strength=torch.full((*slip.shape, 2), math.nan, dtype=torch.float64),
-    )
+    velocity, sample = stacked("velocity"), sample_by_wheel(rover, driven, order)
     sample = sample if effects is None else effects.sensed(sample)
     measured = measure_drive(rover, sample, Noise(), generator)
     aside = velocity[..., 1] - (rover.centre_of_mass_x + shift) * velocity[..., 2]
     observations = turning_observations_of(
         measured, stacked("roll"), aside, velocity[..., 2], generator
     )
-    steering = wheels("steering").numpy()
+    steering = stacked("steering")[:, :, order].numpy()
     return [
         [dataclasses.replace(one, steering=steering[drive, step]) for step, one in enumerate(each)]
         for drive, each in enumerate(observations)

@@ -44,11 +44,8 @@ def measured_drives(metadata: Metadata, seconds: float = SECONDS) -> Drives:
     """Return what a model's rover measures on each of its soils, with the prior's c and tan phi.
 
     A soil on which the rover gets stuck has no drive: that is not for its sensors to help. There is
-    none for wheels that do not fit between the hills, nor for a model by wheel with more than two
-    wheels on an axle, which no simulation knows. Takes seconds.
+    none for wheels that do not fit between the hills. Takes seconds.
     """
-    if metadata.wheels and metadata.rover.wheels_per_axle > 2:
-        return {}
     try:
         if metadata.wheel_places is None:
             return _straight(metadata, seconds)

@@ -64,7 +64,11 @@ class Progress:
 
 
 def body_of(rover: Rover) -> RoverBody:
-    """Return the properties of ``rover`` that the rows need."""
+    """Return the properties of ``rover`` that the rows need.
+
+    Raises ConfigError for a rover that is not planar.
+    """
+    rover.check_planar()
     return RoverBody(
         row_names(rover.axles),
         rover.axles,

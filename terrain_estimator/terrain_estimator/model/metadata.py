@@ -145,10 +145,13 @@ class Metadata:
 
     @property
     def balances_sinkage(self) -> bool:
-        """Whether the model can take sinkages that no sensor measures from the balances."""
+        """Whether the model can take sinkages that no sensor measures from the balances.
+
+        These have to determine the loads: else sinkages would have to be guessed, over bumps badly.
+        """
         if self.velocity_alone:
             return False
-        known = TORQUE_GAIN not in self.parameters
+        known = TORQUE_GAIN not in self.parameters and self.rover.is_determined
         return known and not self.effects and all(soil.law == WONG_REECE for soil in self.soils)
 
 

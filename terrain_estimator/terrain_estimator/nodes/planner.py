@@ -70,6 +70,12 @@ class PlannerNode(Node):
             self.get_logger().warning(
                 f"the model estimates {names}: the planner's statics leave it out (docs/planner.md)"
             )
+        if not table.knows_loads:
+            self.get_logger().warning(
+                f"balances do not determine the wheel loads of {rover.name}, with"
+                f" {rover.axles} axles and {len(rover.suspension)} joints: the ground under the"
+                " front wheels is not judged, and margins take its body as rigid (docs/planner.md)"
+            )
         self.get_logger().info(f"ready: rover {rover.name}, soils {', '.join(self._soils)}")
 
     def _subscribe(self, topic: str) -> None:

@@ -5,7 +5,6 @@
 These are finding.json for programs and report.html for people, each with its provenance.
 """
 
-import dataclasses
 import hashlib
 import json
 import math
@@ -18,6 +17,7 @@ from rover_parameters.parameters import effective
 from terrain_estimator.files.atomic import write_file
 from terrain_estimator.offline.bag_options import BagOptions
 from terrain_estimator.offline.provenance import bag_sha256, versions
+from terrain_estimator.offline.reference_drives import as_text
 from terrain_estimator.offline.run_soils import RunSoils
 from terrain_estimator.pages.finding import finding_page
 from terrain_estimator.topics import INPUT_TYPES
@@ -109,6 +109,4 @@ def soil_sums(soils: RunSoils) -> dict[str, str]:
 
 def _of_record(record: Rover | Soil) -> str:
     """Return the SHA-256 of the values in force, not of the text of their file."""
-    return hashlib.sha256(
-        json.dumps(dataclasses.asdict(record), sort_keys=True).encode()
-    ).hexdigest()
+    return hashlib.sha256(as_text(record).encode()).hexdigest()

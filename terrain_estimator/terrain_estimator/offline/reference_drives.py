@@ -58,7 +58,7 @@ def judge_sensors(model: LoadedModel, config: EstimatorConfig) -> tuple[SensorBo
 def write_drives(path: Path, metadata: Metadata, drives: Drives) -> None:
     """Write drives of a model's rover, in single precision. Raises OSError."""
     texts = _identity(metadata) | {
-        f"{soil.name}/soil": _as_text(soil) for soil in metadata.soils if soil.name in drives
+        f"{soil.name}/soil": as_text(soil) for soil in metadata.soils if soil.name in drives
     }
     arrays: dict[str, Any] = {name: np.array(each) for name, each in texts.items()}
     for soil, drive in drives.items():
@@ -111,7 +111,7 @@ def _read(path: Path, metadata: Metadata) -> Drives:
         return {
             soil.name: _drive(arrays, soil.name, metadata)
             for soil in metadata.soils
-            if str(arrays.get(f"{soil.name}/soil", "")) == _as_text(soil)
+            if str(arrays.get(f"{soil.name}/soil", "")) == as_text(soil)
         }
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise ModelFileError(
@@ -134,9 +134,9 @@ def _fields(metadata: Metadata) -> tuple[str, ...]:
 
 def _identity(metadata: Metadata) -> dict[str, str]:
     """Return what the drives are of, as texts by the name in the file."""
-    rover = {"rover": _as_text(metadata.rover)}
+    rover = {"rover": as_text(metadata.rover)}
     places = metadata.wheel_places
-    return rover if places is None else rover | {_PLACES: _as_text(places)}
+    return rover if places is None else rover | {_PLACES: as_text(places)}
 
 
 def _drive(arrays: dict[str, Any], soil: str, metadata: Metadata) -> list[Observation]:
@@ -156,6 +156,7 @@ def _drive(arrays: dict[str, Any], soil: str, metadata: Metadata) -> list[Observ
     return drive
 
 
-def _as_text(record: Rover | Soil | WheelPlaces) -> str:
-    """Return what a drive is of as text, by which it is recognised."""
-    return json.dumps(dataclasses.asdict(record), sort_keys=True)
+def as_text(record: Rover | Soil | WheelPlaces) -> str:
+    """Return the values of a record as text, by which files recognise it."""
+    content = record.record() if isinstance(record, Rover) else dataclasses.asdict(record)
+    return json.dumps(content, sort_keys=True)

@@ -36,6 +36,10 @@ NEW_GROUND = 0.02
 """[1] Least probability of new ground under the front wheels, before their torque is considered."""
 
 
+LOADS = "load of the front wheels from balances"
+"""What is missing where balances do not determine the loads."""
+
+
 class Reason(IntEnum):
     """Reason to stop; the values are those of msg_defs/TractionAdvice."""
 
@@ -179,7 +183,7 @@ class Planner:
                 turn_limit(self._table, here, reading.pitch, *doubts) if known else NOTHING
             ),
             front_stall_probability=front,
-            front_lacks="model that fits" if self._belief.disagrees else reading.front_lacks,
+            front_lacks=self._front_lacks(reading),
             turning=reading.turning,
             turn=turn,
             slope=reading.pitch,
@@ -198,7 +202,7 @@ class Planner:
 
     def _front(self, here: Samples, reading: FrontReading) -> float:
         """Return the probability of being stuck if all wheels were where the front ones are."""
-        if reading.front_lacks or self._belief is None or self._belief.disagrees:
+        if self._belief is None or self._front_lacks(reading):
             return math.nan
         changed = max(self._belief.change_probability, NEW_GROUND)
         prior = here.or_else(self._elsewhere, min(changed, 1.0 - NEW_GROUND))
@@ -207,6 +211,14 @@ class Planner:
         return stall_probability(
             table, samples, reading.pitch, self._config.slip_limit, self._config.pull_deviation
         )
+
+    def _front_lacks(self, reading: FrontReading) -> str:
+        """Return what is missing to judge the front wheels' ground; empty where nothing is."""
+        if not self._table.knows_loads:
+            return LOADS
+        if self._belief is not None and self._belief.disagrees:
+            return "model that fits"
+        return reading.front_lacks
 
     def _judge(self, under: float, front: float, sinkage: float, *, slips: bool) -> Reason:
         config = self._config

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solve the nonlinear statics of a rover once, for the planner's tables."""
 
-import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from rover_parameters.records import ConfigError
 from terrain_estimator.observation import Floats
 from terrain_estimator.planning.statics import (
     COHESIONS,
@@ -41,20 +39,26 @@ def solve_statics(
     """Return the statics of a rover on some soils, which takes some seconds.
 
     With the ``places`` of its wheels those of turns, too, where it turns without steering and its
-    soils have the law of Wong and Reece.
+    soils have the law of Wong and Reece. Where balances do not determine its loads, these places
+    are needed, and loads follow from the stiffness of chassis and ground. Raises ConfigError
+    without them.
     """
-    chassis = None
-    if places is not None and not places.steered and {soil.law for soil in soils} == {WONG_REECE}:
-        # With several wheels a side the turns stay unknown.
-        with contextlib.suppress(ConfigError):
-            chassis = Chassis.of(rover, places.track_width, places.yaw_inertia)
+    chassis: Chassis | None = None
+    turns: Sequence[float] = TURNS
+    if places is None:
+        rover.check_planar()
+    elif {soil.law for soil in soils} == {WONG_REECE} and not (
+        places.steered and rover.is_determined
+    ):
+        turns = TURNS[:1] if places.steered else TURNS
+        chassis = Chassis.of(rover, places.track_width, places.yaw_inertia)
     slips = np.stack([_slips(rover, soil) for soil in soils])
     wheels = [_wheel(rover, soil, each) for soil, each in zip(soils, slips, strict=True)]
-    pulls = np.stack([_pulls(rover, soil, chassis) for soil in soils])
+    pulls = np.stack([_pulls(rover, soil, chassis, turns) for soil in soils])
     return Statics(pulls, slips, np.stack(wheels), _balances(rover))
 
 
-def _pulls(rover: Rover, soil: Soil, chassis: Chassis | None) -> Floats:
+def _pulls(rover: Rover, soil: Soil, chassis: Chassis | None, turns: Sequence[float]) -> Floats:
     axes = [
         torch.tensor(axis, dtype=torch.float64)
         for axis in (COHESIONS, TAN_PHIS, STEEPNESSES, SLIPS)
@@ -64,7 +68,7 @@ def _pulls(rover: Rover, soil: Soil, chassis: Chassis | None) -> Floats:
     result = (
         climb(rover, constants, strength, slope, slip, law=soil.law)
         if chassis is None
-        else turn(chassis, constants, strength, slope, slip, TURNS)
+        else turn(chassis, constants, strength, slope, slip, turns)
     )
     both = torch.stack([result.pull / (rover.weight * torch.cos(slope)), result.sinkage], -1)
     grid = both.view(-1, *(len(axis) for axis in axes), 2)

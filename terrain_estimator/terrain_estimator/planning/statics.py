@@ -60,8 +60,9 @@ class Statics:
     """[S, n, ENTRY_ANGLES, 2, 3] N [N] and M [N m] of one wheel, each affine in (c [Pa], tan phi,
     1)."""
     balances: Floats
-    """[axles + 1, axles, 3, 3] Balances of rover and joints per N, T, M of the wheels of each
-    axle, each affine in (cos a, sin a, 1) of the contact angle a there."""
+    """[3 + joints, axles, 3, 3] Balances of rover and joints per N, T, M of the wheels of each
+    axle, each affine in (cos a, sin a, 1) of the contact angle a there. They determine the loads
+    where there is one more of them than axles."""
 
     def __post_init__(self) -> None:
         """Raise StaticsError where a shape is wrong or a number is not finite."""
@@ -72,7 +73,7 @@ class Statics:
             "pulls": (soils, *grid),
             "wheel_slips": (soils, slips),
             "wheel": (soils, slips, len(ENTRY_ANGLES), 2, 3),
-            "balances": (axles + 1, axles, 3, 3),
+            "balances": (max(3, min(len(self.balances), axles + 1)), axles, 3, 3),
         }
         for name, shape in shapes.items():
             found = getattr(self, name)

@@ -53,6 +53,12 @@ class TractionTable:
         """Return whether it holds the pulls in turns."""
         return self.statics.pulls.shape[4] > 1
 
+    @property
+    def knows_loads(self) -> bool:
+        """Return whether balances determine the loads of the axles."""
+        rows, axles = self.statics.balances.shape[:2]
+        return rows == axles + 1
+
     def turn_of(self, velocity: float, yaw_rate: float) -> float:
         """Return the share of the outer wheels' speed that turns the rover [1], left or right.
 
@@ -96,7 +102,7 @@ class TractionTable:
 
         ``contact_angle`` [axles] [rad] is that of the ground relative to the body, ``traction`` [N]
         that of every wheel, ``torque`` [axles] [N m] that of one wheel of each axle. Solves what
-        ``terramechanics.vehicle.suspension.wheel_loads`` solves.
+        ``terramechanics.vehicle.suspension.wheel_loads`` solves; the table has to know loads.
         """
         one = np.ones_like(contact_angle)
         angle = np.stack([np.cos(contact_angle), np.sin(contact_angle), one])

@@ -10,8 +10,8 @@ import math
 
 from terramechanics.vehicle.rover import Rover
 
-SUSPENSION_JOINTS = ("rocker", "bogie")
-"""Joints of a rover with a bogie, in joint_states and in the URDF; a rigid one has none."""
+ROCKER, BOGIE = "rocker", "bogie"
+"""Joints of the suspension, in joint_states and in the URDF."""
 STEERING_SUFFIX = "_steering"
 """What the joint that steers a wheel adds to the wheel's name."""
 _TRACK = 0.75
@@ -20,6 +20,13 @@ _PITCH = 1.2
 """[wheel widths] From one wheel to the next one on the same side of an axle."""
 
 Point = tuple[float, float, float]
+
+
+def suspension_joints(rover: Rover) -> tuple[str, ...]:
+    """Return the names of the suspension's joints, from the body outwards; a rigid one has none."""
+    if not rover.suspension:
+        return ()
+    return (ROCKER, BOGIE) if rover.differential else (BOGIE,)
 
 
 def track_width_of(rover: Rover, track_width: float = 0.0) -> float:

@@ -12,9 +12,11 @@ from xml.etree import ElementTree as ET
 
 from rover_parameters.records import ConfigError
 from terramechanics.description.layout import (
+    BOGIE,
+    ROCKER,
     STEERING_SUFFIX,
-    SUSPENSION_JOINTS,
     Point,
+    suspension_joints,
     track_width_of,
     wheel_sides,
 )
@@ -93,7 +95,7 @@ def to_urdf(
 
 
 def _check_names(rover: Rover, body_frame: str, steered: Collection[str]) -> None:
-    joints = list(SUSPENSION_JOINTS if rover.suspension else ())
+    joints = list(suspension_joints(rover))
     joints += [f"{name}{STEERING_SUFFIX}" for name in rover.wheel_names if name in steered]
     links = [body_frame, *(f"{name}_link" for name in joints)]
     links += [f"{name}_wheel" for name in rover.wheel_names]
@@ -112,22 +114,23 @@ def _suspension(
     """Add rocker and bogie; return the link that carries each axle, with its origin.
 
     The rover file has no place of the rocker's pivot, as its rocker does not turn against the body:
-    it is drawn in the centre of mass.
+    it is drawn in the centre of mass. Without a differential the body is the rocker.
     """
     aside = max(0.5 * track_width - rover.wheel_width, 0.0)
     on_body = [axle for axle in range(rover.axles) if not rover.is_on_joint(axle)]
-    if not rover.suspension:
-        _arms(body, rover, on_body, centre, (0.0, 0.0, 0.0), aside)
-        return dict.fromkeys(on_body, (body, (0.0, 0.0, 0.0)))
-    rocker, bogie = (_link(robot, f"{name}_link") for name in SUSPENSION_JOINTS)
-    (joint,) = rover.suspension
-    pivot = (joint.x, 0.0, joint.height)
-    _joint(robot, SUSPENSION_JOINTS[0], (body, rocker), centre, NOSE_UP)
-    offset = (pivot[0] - centre[0], 0.0, pivot[2] - centre[2])
-    _joint(robot, SUSPENSION_JOINTS[1], (rocker, bogie), offset, NOSE_UP)
-    _arms(rocker, rover, on_body, centre, centre, aside)
-    _arms(bogie, rover, list(joint.axles), pivot, pivot, aside)
-    return dict.fromkeys(on_body, (rocker, centre)) | dict.fromkeys(joint.axles, (bogie, pivot))
+    rocker, origin = body, (0.0, 0.0, 0.0)
+    if ROCKER in suspension_joints(rover):
+        rocker, origin = _link(robot, f"{ROCKER}_link"), centre
+        _joint(robot, ROCKER, (body, rocker), centre, NOSE_UP)
+    _arms(rocker, rover, on_body, centre, origin, aside)
+    carriers = dict.fromkeys(on_body, (rocker, origin))
+    for joint in rover.suspension:
+        bogie, pivot = _link(robot, f"{BOGIE}_link"), (joint.x, 0.0, joint.height)
+        offset = (pivot[0] - origin[0], 0.0, pivot[2] - origin[2])
+        _joint(robot, BOGIE, (rocker, bogie), offset, NOSE_UP)
+        _arms(bogie, rover, list(joint.axles), pivot, pivot, aside)
+        carriers |= dict.fromkeys(joint.axles, (bogie, pivot))
+    return carriers
 
 
 def _arms(

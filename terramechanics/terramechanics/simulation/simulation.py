@@ -64,8 +64,10 @@ class Simulation:
         A step lasts ``time_step`` [s].
 
         ``plant`` holds the effects that act besides the nominal model. ``ruts`` are those before
-        the start, where the ground keeps ruts; None: as the wheels leave it at the start.
+        the start, where the ground keeps ruts; None: as the wheels leave it at the start. Raises
+        ConfigError for a rover that is not planar.
         """
+        rover.check_planar()
         batch = start_velocity.shape[0]
         self.rover, self.ground, self.profile, self.time_step, self.plant = (
             rover,

@@ -21,7 +21,9 @@ import torch
 from torch import Tensor
 
 from rover_parameters.records import ConfigError
+from terramechanics.description.layout import wheel_sides
 from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.wheel_places import chassis_places
 
 FREE = 3
 """Ways in which a body without joints follows its wheels: heave, pitch and roll."""
@@ -76,30 +78,34 @@ class Chassis:
 
     @classmethod
     def of(cls, rover: Rover, track: float, yaw_inertia: float) -> "Chassis":
-        """Make the rocker-bogie of a planar ``rover``, with wheels +-``track`` / 2 [m] aside.
+        """Make the chassis of a ``rover`` whose outermost wheels are +-``track`` / 2 [m] aside.
 
-        Each side has a rocker that carries the front wheel and a bogie; a differential below the
-        centre of mass bears the body on both. ``yaw_inertia`` [kg m^2] is about the centre of mass.
-        Left wheels come first, each side from front to rear. Raises ConfigError where an axle has
-        not one wheel on each side.
+        Where it has a joint, each side has a rocker that carries a bogie and the other wheels; a
+        differential below the centre of mass bears the body on both, or without one the body is
+        the rocker of both. ``yaw_inertia`` [kg m^2] is about the centre of mass.
+        Left wheels come first, the outermost before those further in, each of these rows from
+        front to rear. Raises ConfigError where an axle has not as many wheels left as right.
         """
         sides = sorted((wheel.axle, wheel.side) for wheel in rover.wheels)
-        if sides != [(axle, side) for axle in range(rover.axles) for side in ("left", "right")]:
+        beside = rover.wheels_per_axle // 2
+        both = ("left",) * beside + ("right",) * beside
+        if sides != [(axle, side) for axle in range(rover.axles) for side in both]:
             raise ConfigError(
-                f"{rover.name}: every axle needs two wheels, one left and one right, got"
+                f"{rover.name}: every axle needs as many wheels left as right, got"
                 f" {', '.join(f'{side} of axle {axle}' for axle, side in sides)}"
             )
-        side = (1.0,) * rover.axles + (-1.0,) * rover.axles
-        none = (0.0,) * rover.axles
+        y = dict(zip(chassis_places(rover), wheel_sides(rover, track), strict=True))
+        side = (1.0,) * (rover.axles * beside) + (-1.0,) * (rover.axles * beside)
+        none = (0.0,) * (rover.axles * beside)
         joints = []
         for each in rover.suspension:
-            bogie = tuple(float(axle in each.axles) for axle in range(rover.axles))
+            bogie = tuple(float(axle in each.axles) for axle in range(rover.axles)) * beside
             joints += [
                 PassiveJoint(each.x, each.height, bogie + none),
                 PassiveJoint(each.x, each.height, none + bogie),
-                # Rockers need a differential, which is taken to be as high as their bogies.
-                PassiveJoint(rover.centre_of_mass_x, each.height, side),
             ]
+            if rover.differential:  # taken to be as high as the bogies
+                joints.append(PassiveJoint(rover.centre_of_mass_x, each.height, side))
         return cls(
             name=rover.name,
             mass=rover.mass,
@@ -108,8 +114,8 @@ class Chassis:
             wheel_radius=rover.wheel_radius,
             wheel_width=rover.wheel_width,
             wheel_inertia=rover.wheel_inertia,
-            wheel_x=rover.axle_x * 2,
-            wheel_y=tuple(0.5 * track * each for each in side),
+            wheel_x=rover.axle_x * (2 * beside),
+            wheel_y=tuple(y[place] for place in range(len(y))),
             centre=(rover.centre_of_mass_x, 0.0, rover.centre_of_mass_height),
             joints=tuple(joints),
         )

@@ -40,9 +40,11 @@ def climb(
     ``slope`` [batch] [rad] is positive uphill.
 
     ``constants`` [batch, 6] in the order of CONSTANTS, ``strength`` [batch, 2]: c [Pa], tan(phi)
-    [1]. Loads follow from the balances of suspension.py; the forces come from the integrals of the
-    contact ``law`` with ``points`` nodes a side, every wheel on fresh ground.
+    [1]. Loads follow from the balances of suspension.py, forces from the integrals of the contact
+    ``law`` with ``points`` nodes a side, every wheel on fresh ground. Raises ConfigError for
+    a rover that is not planar.
     """
+    rover.check_planar()
     pose = replace(level_pose(rover, torch.zeros_like(slope)), pitch=slope)
     axles = (*slope.shape, rover.axles)
     wheel = WheelGround.of(

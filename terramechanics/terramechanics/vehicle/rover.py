@@ -42,21 +42,26 @@ LEAST_APART, FARTHEST = 0.01, 100.0
 """[m] Least distance of two axles, and farthest place of one: beyond, a unit is wrong."""
 MOST_JOINTS = 1
 """More are not estimated: an observation holds the angle of one."""
+LEAST_BEARING = 2
+"""Fewest axles and pivots that bear a body: with fewer it falls, with a joint more it folds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rover:
-    """A planar rover, by its axles and passive joints.
+    """A rover, by its axles and passive joints.
 
     The body carries the axles that no joint carries. With two joints fewer than axles every wheel
-    touches the ground and the loads follow from the balances alone:
+    touches the ground and, where left and right move alike, loads follow from the balances alone:
 
     - two axles and no joint: four wheels on a rigid body;
     - three axles and one joint: six wheels, two axles of them on a bogie in front or behind.
 
+    So such a rover may be planar: one wheel stands for ``wheels_per_axle``, and the rocker is the
+    body. With more axles the loads depend on the stiffness of chassis and ground as well, and every
+    wheel is one of its own (``chassis``).
+
     x points forward from the middle of the body; heights are above the ground on which the wheels
-    stand unsunk. Left and right move alike, so that one wheel stands for ``wheels_per_axle`` and
-    the rocker is the body. Raises ConfigError where the values do not fit together.
+    stand unsunk. Raises ConfigError where the values do not fit together.
     """
 
     name: str
@@ -77,6 +82,11 @@ class Rover:
     )
     bogie_pivot_height: float | None = number("height of that joint", "m", 0.0, default=None)
     joints: tuple[Joint, ...] = entry("every passive joint", ())
+    differential: bool = entry(
+        "whether a differential bears the body on rockers left and right; false: both are fixed to"
+        " the body",
+        default=True,
+    )
     cruise_speed: tuple[float, float] = number(
         "lowest and highest speed of the random drives", "m/s", 0.0, exclusive=True
     )
@@ -114,12 +124,20 @@ class Rover:
             )
         joints = len(self.suspension)
         if joints > MOST_JOINTS:
-            raise ConfigError(f"joints: {joints} are given, at most {MOST_JOINTS} is supported")
-        if joints != self.axles - 2:
+            raise ConfigError(
+                f"joints: {joints} are given, at most {MOST_JOINTS} is supported: an observation"
+                " holds the angle of one"
+            )
+        if self.axles < joints + LEAST_BEARING:
             raise ConfigError(
                 f"axle_x has {self.axles} {'axle' if self.axles == 1 else 'axles'} and joints"
-                f" {joints}: give two axles and no joint, or three and one (bogie_pivot_x and"
-                " bogie_pivot_height, or joints)"
+                f" {joints}: the body needs {LEAST_BEARING} axles, and one more for a joint, or it"
+                " falls or folds"
+            )
+        if not (self.differential or joints):
+            raise ConfigError(
+                "differential false: without a joint there are no rockers to bear on one: leave it"
+                " out"
             )
         for index, joint in enumerate(self.suspension):
             self._check_joint(f"joints[{index}]", joint)
@@ -140,7 +158,8 @@ class Rover:
     def _check_centre(self) -> None:
         """Raise ConfigError where an axle lifts on level ground."""
         on_body = [x for axle, x in enumerate(self.axle_x) if not self.is_on_joint(axle)]
-        rear, front = sorted([*on_body, *(joint.x for joint in self.suspension)])
+        bearing = [*on_body, *(joint.x for joint in self.suspension)]
+        rear, front = min(bearing), max(bearing)
         if not rear < self.centre_of_mass_x < front:
             raise ConfigError(
                 f"centre_of_mass_x {self.centre_of_mass_x:g} m: the rover tips over; it must lie"
@@ -195,7 +214,28 @@ class Rover:
 
     def content(self) -> dict[str, Any]:
         """Return the keys and values of the rover file, without those that were left out."""
-        return {key: value for key, value in asdict(self).items() if value not in (None, ())}
+        left_out = {each.name for each in fields(self) if getattr(self, each.name) == each.default}
+        return {key: value for key, value in asdict(self).items() if key not in left_out}
+
+    def record(self) -> dict[str, Any]:
+        """Return every key and value, by which files recognise a rover.
+
+        A key that is younger than such files is left out where it has its default.
+        """
+        younger = {} if self.differential else {"differential": False}
+        every = asdict(self)
+        del every["differential"]
+        return every | younger
+
+    def check_planar(self) -> None:
+        """Raise ConfigError where the loads of a planar rover do not follow from its balances."""
+        if not self.is_determined:
+            raise ConfigError(
+                f"{self.name}: axle_x has {self.axles} axles and joints {len(self.suspension)}: the"
+                f" loads of a model by axle follow from balances, with {LEAST_BEARING} joints fewer"
+                " than axles; make a model by wheel: ros2 run terrain_estimator model_by_wheel"
+                " --rover FILE --soil SOIL... --track-width M; simulate with the parameter steering"
+            )
 
     @property
     def suspension(self) -> tuple[Joint, ...]:
@@ -203,6 +243,11 @@ class Rover:
         if self.bogie_pivot_x is None or self.bogie_pivot_height is None:
             return self.joints
         return (Joint((1, 2), self.bogie_pivot_x, self.bogie_pivot_height),)
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether balances determine the loads where left and right move alike."""
+        return self.axles == len(self.suspension) + LEAST_BEARING
 
     def is_on_joint(self, axle: int) -> bool:
         """Return whether a joint carries the axle; else the body does."""

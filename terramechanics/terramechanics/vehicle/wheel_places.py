@@ -84,9 +84,16 @@ def wheel_order(rover: Rover) -> tuple[int, ...]:
 def chassis_places(rover: Rover) -> list[int]:
     """Return where each wheel of the rover file stands in the order of a Chassis.
 
-    That has the left wheels first, each side from front to rear.
+    That has the left wheels first, the outermost before those further in, each of these rows from
+    front to rear.
     """
-    return [wheel.axle + (0 if wheel.side == "left" else rover.axles) for wheel in rover.wheels]
+    places = []
+    for index, wheel in enumerate(rover.wheels):
+        alike = (wheel.axle, wheel.side)
+        row = sum((each.axle, each.side) == alike for each in rover.wheels[:index])
+        row += 0 if wheel.side == "left" else rover.wheels_per_axle // 2
+        places.append(row * rover.axles + wheel.axle)
+    return places
 
 
 def box_inertia(rover: Rover, track_width: float) -> float:

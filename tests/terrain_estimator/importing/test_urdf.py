@@ -2,15 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """A rover written as a URDF and read again is the same; what is wrong is refused by name."""
 
+import dataclasses
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import pytest
 
 from terrain_estimator.cli.import_urdf import main
 from terramechanics.description.urdf import to_urdf
 from terramechanics.presets import load_rover
-from terramechanics.vehicle.rover import Rover
-from tests.rovers import BOGIE_IN_FRONT
+from terramechanics.vehicle.rover import Joint, Rover
+from tests.rovers import (
+    BOGIE_IN_FRONT,
+    EIGHT_WHEELS,
+    FIXED_ROCKERS,
+    FOUR_WHEELS,
+    MARS,
+    SIX_WHEELS,
+)
 
 TRACK = 0.9
 LIKE_HUSKY = """<robot name="husky">
@@ -41,6 +50,27 @@ def husky(**changed: tuple[float, float, float, float]) -> str:
     return LIKE_HUSKY.format(wheels="\n".join(parts))
 
 
+GIVEN = ("--mass", "100", "--centre-of-mass", "0", "0.3", "--wheel-inertia", "0.04")
+
+
+def two_bogies() -> str:
+    """Return a URDF of eight wheels on two bogies."""
+    front = dataclasses.replace(EIGHT_WHEELS, joints=(Joint((0, 1), 0.4, 0.3),))
+    text = to_urdf(front, track_width=TRACK)
+    rear = """<joint name="rear" type="continuous"><parent link="rocker_link"/>
+      <child link="rear_link"/><origin xyz="-0.4 0 0.05"/><axis xyz="0 -1 0"/></joint>
+      <link name="rear_link"/></robot>"""
+    robot = ET.fromstring(text.replace("</robot>", rear))
+    for joint in robot.iter("joint"):
+        if joint.attrib["name"].startswith(("third", "fourth")):
+            joint.find("parent").set("link", "rear_link")  # type: ignore[union-attr]
+            origin = joint.find("origin")
+            assert origin is not None
+            x, y, z = map(float, origin.attrib["xyz"].split())
+            origin.set("xyz", f"{x + 0.4:g} {y:g} {z - 0.05:g}")
+    return ET.tostring(robot, encoding="unicode")
+
+
 def imported(folder: Path, text: str, *options: str) -> Rover:
     (folder / "robot.urdf").write_text(text, encoding="utf-8")
     out = folder / "rover.yaml"
@@ -50,7 +80,7 @@ def imported(folder: Path, text: str, *options: str) -> Rover:
 
 @pytest.mark.parametrize(
     "rover",
-    [load_rover("mars_rover"), load_rover("four_wheel_rover"), BOGIE_IN_FRONT],
+    [MARS, FOUR_WHEELS, BOGIE_IN_FRONT, SIX_WHEELS, EIGHT_WHEELS, FIXED_ROCKERS],
     ids=lambda rover: rover.name,
 )
 @pytest.mark.parametrize("steered", [False, True])
@@ -96,7 +126,12 @@ def test_masses_and_the_ground_come_from_the_links(tmp_path: Path) -> None:
         (husky(fl=(0.256, 0.2854, 0.03282, 0.2)), (), "the wheels differ in their radius"),
         (husky(fl=(0.256, 0.2854, 0.1, 0.1651)), (), "on one level"),
         (husky(fl=(0.256, 0.0, 0.03282, 0.1651)), (), "wheel fl is in the middle"),
-        (husky(fl=(0.3, 0.2854, 0.03282, 0.1651)), (), "axle_x has 3 axles and joints 0"),
+        (
+            husky(fl=(0.3, 0.2854, 0.03282, 0.1651)),
+            (),
+            "every one of the 3 axles needs the same number of wheels, got [1, 1, 2]",
+        ),
+        (two_bogies(), GIVEN, "joints: 2 are given, at most 1 is supported"),
         (husky().replace("continuous", "fixed"), (), "no wheel: a wheel is the child"),
         (to_urdf(load_rover("mars_rover")), (), "no masses: give --mass"),
         (to_urdf(load_rover("mars_rover")), ("--mass", "9"), "give --centre-of-mass"),

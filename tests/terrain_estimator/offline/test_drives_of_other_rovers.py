@@ -124,13 +124,19 @@ def test_a_rover_that_no_simulation_takes_over_the_hills_has_no_drive(
     metadata = read_metadata(made / f"{name}.json")
     giant = dataclasses.replace(metadata.rover, wheel_radius=60.0)
     assert measured_drives(dataclasses.replace(metadata, rover=giant), 3.0) == {}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_rover_with_two_wheels_a_side_of_each_axle_has_a_drive(made: Path, name: str) -> None:
+    metadata = read_metadata(made / f"{name}.json")
     wheels = tuple(
         dataclasses.replace(each, name=f"{each.name}_{twin}")
         for each in metadata.rover.wheels
         for twin in (1, 2)
     )
     twins = dataclasses.replace(metadata, rover=dataclasses.replace(metadata.rover, wheels=wheels))
-    assert (measured_drives(twins, 1.0) == {}) == bool(metadata.wheels)
+    (drive,) = measured_drives(dataclasses.replace(twins, soils=metadata.soils[:1]), 1.0).values()
+    assert all(each.slip.shape == (8 if metadata.wheels else 2,) for each in drive)
 
 
 def test_an_unknown_gain_of_the_torques_is_judged(tmp_path: Path) -> None:

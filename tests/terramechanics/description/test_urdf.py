@@ -4,6 +4,7 @@
 
 import dataclasses
 import io
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,9 +19,14 @@ from terramechanics.description.layout import track_width_of, wheel_centres
 from terramechanics.description.urdf import to_urdf
 from terramechanics.presets import load_rover, rover_names
 from terramechanics.vehicle.rover import Rover, Wheel
-from tests.rovers import BOGIE_IN_FRONT
+from tests.rovers import BOGIE_IN_FRONT, EIGHT_WHEELS, FIXED_ROCKERS, rover_file
 
-ROVERS = (*(load_rover(name) for name in rover_names()), BOGIE_IN_FRONT)
+ROVERS = (
+    *(load_rover(name) for name in rover_names()),
+    BOGIE_IN_FRONT,
+    EIGHT_WHEELS,
+    FIXED_ROCKERS,
+)
 every_rover = pytest.mark.parametrize("rover", ROVERS, ids=lambda rover: rover.name)
 
 
@@ -63,6 +69,18 @@ def test_a_steered_rover_has_the_joints_of_its_joint_states(name: str, steering:
     assert sorted(robot.actuated_joint_names) == sorted(states.name)
 
 
+@pytest.mark.parametrize("rover", [EIGHT_WHEELS, FIXED_ROCKERS], ids=lambda rover: rover.name)
+def test_rovers_of_models_by_wheel_have_the_joints_of_their_joint_states(
+    rover: Rover, tmp_path: Path
+) -> None:
+    """Fixed rockers are the body, so that there is no joint of them."""
+    name = rover_file(rover, tmp_path / "rover.yaml")
+    config = SimulatorConfig(rover=name, steering="skid", schedule="cmd_vel")
+    states = step_messages(TurningRun(config).step(), config, 0, 0)["joint_states"]
+    assert sorted(read(rover).actuated_joint_names) == sorted(states.name)
+    assert "rocker" not in states.name
+
+
 @every_rover
 def test_a_positive_steering_angle_is_to_the_left_and_keeps_the_wheels_place(rover: Rover) -> None:
     robot, first = read(rover, steered=True), rover.wheel_names[0]
@@ -82,7 +100,7 @@ def test_wheels_are_where_the_rover_file_has_them_also_when_the_bogie_turns(
 ) -> None:
     robot = read(rover)
     if rover.suspension:
-        robot.update_cfg({"rocker": 0.0, "bogie": angle})
+        robot.update_cfg({"bogie": angle} | ({"rocker": 0.0} if rover.differential else {}))
     expected = wheel_centres(rover, track_width_of(rover), angle)
     for wheel, place in zip(rover.wheels, expected, strict=True):
         np.testing.assert_allclose(centre(robot, wheel.name), place, atol=1e-8)

@@ -15,6 +15,7 @@ from rover_parameters.records import ConfigError
 from terramechanics.presets import load_rover
 from terramechanics.vehicle.chassis import Chassis, PassiveJoint
 from terramechanics.vehicle.suspension import balance_matrix, level_pose
+from terramechanics.vehicle.wheel_places import chassis_places
 
 ROVER = load_rover("mars_rover")
 SIX = Chassis.of(ROVER, track=1.0, yaw_inertia=40.0)
@@ -82,6 +83,34 @@ def test_closure_leaves_what_joints_leave_undetermined() -> None:
     np.testing.assert_allclose(twisted.abs().numpy(), 0.5)
     assert float(twisted @ torch.tensor([1.0, -1.0, -1.0, 1.0], dtype=torch.float64)) ** 2 > 3.9
     assert (four.closure() @ four.modes()).abs().max() < 1e-14
+
+
+def test_wheels_beside_each_other_are_rows_from_front_to_rear() -> None:
+    twins = tuple(
+        dataclasses.replace(wheel, name=f"{wheel.name}_{twin}")
+        for wheel in ROVER.wheels
+        for twin in (1, 2)
+    )
+    rover = dataclasses.replace(ROVER, wheels=twins)
+    twelve = Chassis.of(rover, track=1.0, yaw_inertia=40.0)
+    places = chassis_places(rover)
+    assert sorted(places) == list(range(12))
+    further_in = 0.5 - 1.2 * rover.wheel_width
+    for place, wheel, y in zip(
+        places, twins, (0.5, further_in, -0.5, -further_in) * 3, strict=True
+    ):
+        assert twelve.wheel_x[place] == rover.axle_x[wheel.axle]
+        assert twelve.wheel_y[place] == pytest.approx(y)
+        turns = [joint.turns[place] for joint in twelve.joints]
+        left, on_bogie = y > 0.0, float(wheel.axle > 0)
+        expected = [on_bogie, 0.0, 1.0] if left else [0.0, on_bogie, -1.0]
+        assert turns == expected
+    assert twelve.closure().shape == (6, 12)
+    three = dataclasses.replace(rover, wheels=tuple(each for k, each in enumerate(twins) if k % 4))
+    with pytest.raises(
+        ConfigError, match="every axle needs as many wheels left as right, got left"
+    ):
+        Chassis.of(three, track=1.0, yaw_inertia=40.0)
 
 
 def test_rovers_that_fall_over_are_refused() -> None:

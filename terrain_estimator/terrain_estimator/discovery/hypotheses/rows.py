@@ -99,8 +99,8 @@ def nominal_of(
 ) -> Nominal:
     """Return the nominal model; ``prior`` is that of the model which may lack an effect.
 
-    ``places`` are given where wheels are taken one by one. Raises ConfigError where effects are not
-    known for the soil's contact law.
+    ``places`` are given where wheels are taken one by one. Raises ConfigError for a rover that is
+    not planar without them, and where effects are not known for the soil's contact law.
     """
     if soil.law == LINEAR_STRESS:
         raise ConfigError(
@@ -113,6 +113,7 @@ def nominal_of(
         ).nominal
         contact, uncertain = nominal.nominal_contact(), nominal.uncertain[0]
         return Nominal(rover, soil, contact, uncertain, prior, places=places)
+    rover.check_planar()
     constants = soil.constants().unsqueeze(0)
     uncertain = uncertain_constants(constants, prior.constants_sd, rover.wheel_width)[0]
     stand_in = torch.tensor(
