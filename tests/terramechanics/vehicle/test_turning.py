@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pull in a turn is that with which the simulated rover turns, on the level and on slopes."""
 
+import dataclasses
 import math
 
 import pytest
@@ -13,14 +14,25 @@ from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.spatial import BodySimulation, Plane
 from terramechanics.vehicle.chassis import Chassis
 from terramechanics.vehicle.climbing import climb
+from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.turning import NO_PULL, turn
 from terramechanics.vehicle.wheel_places import box_inertia
+from tests.rovers import FOUR_WHEELS, SIX_WHEELS
 
 SOIL = load_soil("loose_sand")
 OUTER = 0.02
 """[m/s] Rim speed of the outer wheels: so slow that the turn's inertia is nothing."""
 GROUNDS = [(800.0, 0.6), (2000.0, 0.75), (5000.0, 1.0)]
 """c [Pa] and tan phi."""
+PAIRED = dataclasses.replace(
+    FOUR_WHEELS,
+    name="paired",
+    wheels=(
+        *FOUR_WHEELS.wheels,
+        *(dataclasses.replace(wheel, name=f"{wheel.name}_inside") for wheel in FOUR_WHEELS.wheels),
+    ),
+)
+"""Two wheels a side of every axle."""
 
 
 def skid_steer(name: str = "four_wheel_rover", track: float = 0.8) -> Chassis:
@@ -64,7 +76,19 @@ def test_at_the_slip_and_turn_of_a_steady_drive_the_pull_holds_the_weight(
     ground: tuple[float, float], inner: float, grade: float
 ) -> None:
     """45 drives of a simulator that takes commands of the wheels and finds how the rover moves."""
-    chassis = skid_steer()
+    assert_the_pull_holds_the_weight(skid_steer(), ground, inner, grade)
+
+
+@pytest.mark.parametrize("inner", [0.6, -0.3])
+@pytest.mark.parametrize("rover", [SIX_WHEELS, PAIRED], ids=lambda rover: rover.name)
+def test_it_does_of_more_axles_and_of_several_wheels_a_side(rover: Rover, inner: float) -> None:
+    chassis = Chassis.of(rover, 0.8, box_inertia(rover, 0.8))
+    assert_the_pull_holds_the_weight(chassis, GROUNDS[1], inner, 0.02)
+
+
+def assert_the_pull_holds_the_weight(
+    chassis: Chassis, ground: tuple[float, float], inner: float, grade: float
+) -> None:
     drive = BodySimulation(
         chassis,
         SOIL.constants().unsqueeze(0),
