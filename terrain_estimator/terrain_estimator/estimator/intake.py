@@ -21,7 +21,8 @@ LEAST_TAKEN = 0.5
 Where all is right it leaves out gate_probability of them, and those of a border that it crosses.
 """
 ADVICE = (
-    "check the model, the rover file, the stated standard deviations and the sensors, in this order"
+    "check the model, the rover file, the stated standard deviations and the sensors, in this"
+    " order; find_missing_effect names rows and effects from recordings"
 )
 
 
