@@ -103,12 +103,29 @@ def test_decimal_commas_and_words_for_missing_values(tmp_path: Path) -> None:
 
 def test_the_rate_is_found_and_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(tmp_path, mapping(), rows(100, 50.0)) == 0
-    assert "100 rows at 50 Hz, averaged to 10 Hz" in capsys.readouterr().out
+    assert "100 rows at 50 Hz; replay averages them to 10 Hz" in capsys.readouterr().out
     (tmp_path / "bag").rename(tmp_path / "fast")
     assert run(tmp_path, mapping(), rows(20)) == 0
     assert "20 rows at 10 Hz\n" in capsys.readouterr().out
     assert run(tmp_path, mapping(), rows(20, 2.0)) == 2
-    assert "column 't': the rows come at 2 Hz, but 5 to 200 Hz" in capsys.readouterr().err
+    words = "column 't': the rows come at 2 Hz, but 5 to 200 Hz are needed: record faster"
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("unit", "per_unit", "words"),
+    [
+        ("s", 0.01, "0.01 Hz, but 5 to 200 Hz are needed: set time.unit: ms in the mapping"),
+        ("us", 0.01, "1e+04 Hz, but 5 to 200 Hz are needed: set time.unit: ms in the mapping"),
+        ("ns", 1e-5, "1e+04 Hz, but 5 to 200 Hz are needed: set time.unit: us in the mapping"),
+    ],
+)
+def test_a_wrong_unit_of_time_is_named_with_the_one_that_fits(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], unit: str, per_unit: float, words: str
+) -> None:
+    time = {"column": "t", "unit": unit}
+    assert run(tmp_path, mapping(time=time), rows(20, per_unit)) == 2
+    assert f"column 't': the rows come at {words}" in capsys.readouterr().err
 
 
 def test_a_wheel_without_columns_is_not_measured_and_an_axle_without_any_is_named(
