@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.terrain_estimator.cli.csv_files import HEADER, ROWS, mapping, messages, run
@@ -83,6 +84,47 @@ def test_impossible_values_name_column_value_and_the_unit_that_fits(
     assert run(tmp_path, mapping(**changes), rows(20, **columns)) == 2
     assert words in (error := capsys.readouterr().err), error
     assert not (tmp_path / "bag").exists()
+
+
+def on_slopes(sign: float, steepest_deg: float = 4.0) -> list[str]:
+    """Return rows over hills; the mapping's pitch is positive nose down, its acceleration in g."""
+    draw, lines = np.random.default_rng(3), rows(200)
+    for k in range(1, len(lines)):
+        cells = lines[k].split(",")
+        up = np.radians(steepest_deg) * np.sin(k / 20.0)
+        cells[2] = f"{sign * np.degrees(-up) + draw.normal(0.0, 0.3):.4f}"
+        cells[3] = f"{np.sin(up) + draw.normal(0.0, 0.002):.5f}"
+        lines[k] = ",".join(cells)
+    return lines
+
+
+@pytest.mark.parametrize(
+    ("changes", "sign", "words"),
+    [
+        ({}, -1.0, "pitch and acceleration have opposite signs"),
+        (
+            {"acceleration": {"column": "a", "unit": "m/s^2", "noise": {"absolute": 0.01}}},
+            1.0,
+            "times that of gravity on the slopes, g sin(pitch): set acceleration.unit: g",
+        ),
+    ],
+)
+def test_an_acceleration_that_is_not_gravity_s_on_slopes_is_named(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    changes: dict[str, Any],
+    sign: float,
+    words: str,
+) -> None:
+    assert run(tmp_path, mapping(), on_slopes(1.0)) == 0, capsys.readouterr().err
+    (tmp_path / "bag").rename(tmp_path / "plain")
+    assert run(tmp_path, mapping(**changes), on_slopes(sign)) == 2
+    assert words in (error := capsys.readouterr().err), error
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_level_ground_does_not_tell_the_sign_of_the_pitch(tmp_path: Path, sign: float) -> None:
+    assert run(tmp_path, mapping(), on_slopes(sign, 0.0)) == 0
 
 
 def test_a_single_impossible_value_is_left_to_the_estimator(tmp_path: Path) -> None:
