@@ -39,6 +39,7 @@ for _word in ("inf", "Inf", "INF"):
 _CONSTANTS |= dict.fromkeys((".nan", ".NaN", ".NAN"), float("nan"))
 _INTEGER = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
 _REAL = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+_CHARACTER = "found character that cannot start any token"
 RecordT = TypeVar("RecordT")
 
 
@@ -74,7 +75,10 @@ def parse_yaml(text: str) -> object:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f" (line {mark.line + 1}, column {mark.column + 1})" if mark else ""
-        raise ConfigError(f"{error.problem or error.context}{place}") from error
+        problem = error.problem or error.context
+        if problem == _CHARACTER:  # %, @ or `
+            problem = f"{problem}: put the text in quotes"
+        raise ConfigError(f"{problem}{place}") from error
     except (yaml.YAMLError, UnicodeError) as error:
         raise ConfigError(" ".join(str(error).split())[:200]) from error
 

@@ -224,6 +224,10 @@ def test_rockers_may_be_fixed_and_files_of_before_have_a_differential(tmp_path: 
         ({"axle_x": 0.7}, r"axle_x: expected a list, got 0\.7"),
         ({"axle_x": [-0.7, 0.0, 0.7]}, r"axle_x .* must fall from front to rear"),
         (
+            {"wheel_radius": 130.0},
+            r"wheel_radius: 130 m is more than the 1\.4 m from the first axle .*is the unit m\?",
+        ),
+        (
             {"bogie_pivot_x": 0.2},
             r"bogie_pivot_x 0\.2 m must lie between its axles, -0\.7 and 0 m",
         ),
@@ -269,6 +273,7 @@ def test_a_wrong_rover_is_refused_by_name(
     [
         (LOOSE + "n: 1.0\n", r"not valid YAML: key 'n' is given twice"),
         ("n: [1", r"given\.yaml: not valid YAML"),
+        ("n: 1.0\nname: %", r"put the text in quotes \(line 2, column 7\)"),
         ("", r"given\.yaml: expected a mapping of keys to values, got None"),
         ("- 1\n", r"expected a mapping"),
     ],

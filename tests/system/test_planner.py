@@ -3,6 +3,7 @@
 """The planner as a process of its own, and the subscriber of docs/examples that obeys it."""
 
 import math
+import re
 import sys
 import time
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import Twist
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from msg_defs.msg import TerrainEstimate, TractionAdvice
@@ -118,6 +120,27 @@ def test_what_is_wrong_is_named(start: Starter) -> None:
         assert process.wait(60.0) == 2
         assert words in process.output
         assert "Traceback" not in process.output
+
+
+def test_the_documented_reader_says_when_to_use_the_estimate(
+    start: Starter, listener: Listener
+) -> None:
+    process = start.command(sys.executable, str(EXAMPLES / "read_estimate.py"))
+    process.wait_for_output("no estimate yet\n", timeout=60.0)
+    estimates = listener.publisher(TerrainEstimate, "terrain_estimate")
+    message = estimate(Header(), identified=False)
+    message.status_text = "converging; not identified yet: tan phi"
+    estimates.publish(message)
+    numbers = "c 1500 Pa, tan phi 0.600, variances 4e+04 Pa^2 and 0.0009, covariance 0 Pa"
+    process.wait_for_output(rf"{re.escape(numbers)}: do not use them: converging; not identified")
+    estimates.publish(estimate(Header(), identified=True))
+    process.wait_for_output(rf"{re.escape(numbers)}: use them\n")
+    process.wait_for_output("do not use them: no new estimate for 3 s")
+    message = estimate(Header(), identified=True)
+    message.status = TerrainEstimate.DISAGREES
+    estimates.publish(message)
+    process.wait_for_output("do not use them: they are the prior's")
+    assert process.interrupt() == 0
 
 
 def test_the_documented_subscriber_goes_by_a_clock_that_nobody_sets_back_or_stops(

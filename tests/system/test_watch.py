@@ -100,6 +100,13 @@ def test_a_line_names_the_seconds_taken_and_no_estimate_of_a_model_that_does_not
     last["terrain_estimate"].seconds_judged, last["terrain_estimate"].seconds_taken = 20, 2
     assert "tan phi" in live_line(last)
     assert " | 2 of 20 s taken | " in live_line(last)
+    assert " | prior only | slip" in live_line(last)
+    last["terrain_estimate"].status = TerrainEstimate.IDENTIFIED
+    last["terrain_estimate"].effect = ["drive_drag"]
+    last["terrain_estimate"].effect_value = [1.2014]
+    last["terrain_estimate"].effect_stddev = [0.012]
+    last["terrain_estimate"].effect_unit = ["N m s/rad"]
+    assert " | drive_drag 1.2 +- 0.012 N m s/rad | identified | slip" in live_line(last)
     last["terrain_estimate"].status = TerrainEstimate.DISAGREES
     assert live_line(last).startswith("1:01.0 | DISAGREES: the model does not fit | slip")
     assert "tan phi" not in live_line(last)

@@ -39,6 +39,7 @@ def unsourced(command: list[str], cwd: Path) -> subprocess.CompletedProcess[str]
             "rover_parameters",
         ),
         ([sys.executable, "docs/examples/follow_advice.py"], ".", "msg_defs"),
+        ([sys.executable, "docs/examples/read_estimate.py"], ".", "msg_defs"),
     ],
 )
 def test_one_line_says_what_to_do(command: list[str], folder: str, package: str) -> None:

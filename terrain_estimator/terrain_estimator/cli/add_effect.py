@@ -24,7 +24,7 @@ from terrain_estimator.offline.reference_drives import copy_drives
 
 WRONG = 2
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
-_GIVEN = re.compile(rf"(\w+)(?:={_NUMBER}\+-{_NUMBER})?")
+_GIVEN = re.compile(rf"(\w+)(?:={_NUMBER}\s*\+-\s*{_NUMBER})?")
 
 
 def sized(text: str) -> Sized:

@@ -25,8 +25,14 @@ from terrain_estimator.importing.mapping import Mapping, SignalNoise, read_mappi
 from terrain_estimator.importing.messages import SampleWriter
 from terrain_estimator.importing.plausibility import Plausibility
 from terrain_estimator.importing.samples import CsvError, read_samples
-from terrain_estimator.importing.units import factor
-from terrain_estimator.messaging.averaging import RateCounts, RateWindow, Treatment
+from terrain_estimator.importing.units import UNITS, factor
+from terrain_estimator.messaging.averaging import (
+    FASTEST_HZ,
+    SLOWEST_HZ,
+    RateCounts,
+    RateWindow,
+    Treatment,
+)
 from terramechanics.presets import load_rover
 from terramechanics.vehicle.rover import Rover
 
@@ -88,15 +94,44 @@ def convert(
 def _checked(data: Path, mapping: Mapping, rover: Rover) -> list[str]:
     """Read all rows, judge their values and their rate; return the rate in words."""
     plausibility, window, counts = Plausibility(mapping, rover), RateWindow(), RateCounts()
+    stamps = [0, 0, 0]  # number of rows, first and last stamp [ns]
     for sample in plausibility.watch(read_samples(data, mapping)):
         window.add(sample.stamp_ns)
         counts.add(window.rate)
+        stamps = [stamps[0] + 1, stamps[1] if stamps[0] else sample.stamp_ns, sample.stamp_ns]
     for fault in plausibility.faults():
         raise CsvError(f"{data}: {fault}")
     found = counts.found()
     if found and all(rate.treatment is Treatment.REFUSE for rate, _ in found):
-        raise CsvError(f"{data}: column {mapping.time.column!r}: the rows come at {found[0][0]}")
-    return [f"{count} rows at {rate}" for rate, count in found]
+        rows, first_ns, last_ns = stamps
+        mean_hz = (rows - 1) * 1e9 / (last_ns - first_ns)
+        raise CsvError(f"{data}: column {mapping.time.column!r}: {_useless(mean_hz, mapping)}")
+    return [
+        f"{count} rows at {rate.rounded:g} Hz; replay averages them to 10 Hz, with errors taken as"
+        " independent"
+        if rate.treatment is Treatment.AVERAGE
+        else f"{count} rows at {rate}"
+        for rate, count in found
+    ]
+
+
+def _useless(mean_hz: float, mapping: Mapping) -> str:
+    """Return why rows at this mean rate cannot be used, and the unit of time that would fit."""
+    own = factor("time", mapping.time.unit)
+    fitting = [
+        unit
+        for unit, size in UNITS["time"].items()
+        if SLOWEST_HZ <= mean_hz * own / size <= FASTEST_HZ
+    ]
+    advice = (
+        f"set time.unit: {' or '.join(fitting)} in the mapping"
+        if fitting
+        else "record faster, or thin the readings out"
+    )
+    return (
+        f"the rows come at {mean_hz:.3g} Hz, but {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz are"
+        f" needed: {advice}"
+    )
 
 
 _OF_TURNS = ("roll", "lateral_velocity", "yaw_rate")
@@ -106,8 +141,13 @@ def _hints(mapping: Mapping, rover: Rover) -> list[str]:
     hints = []
     absent = [
         signal
-        for signal in ("slip", "sinkage", "velocity", "torque", "acceleration", "bogie_angle")
+        for signal in ("sinkage", "torque", "acceleration", "bogie_angle")
         if not mapping.measures(signal) and (signal != "bogie_angle" or rover.suspension)
+    ]
+    hints += [
+        f"no {signal}: every observation is refused: give its column"
+        for signal in ("slip", "velocity")
+        if not mapping.measures(signal)
     ]
     if absent:
         hints.append(

@@ -440,7 +440,8 @@ def _read(
         report.say(f"find_missing_effect: {run} is damaged and used: {found.damaged[run]}")
     if len(found.blocks) < FEWEST and not held_out:
         raise InputError(
-            f"{len(found.blocks)} of {len(bags)} runs can be used, at least {FEWEST} are needed"
+            f"{len(found.blocks)} of {len(bags)} searched runs can be used, at least {FEWEST} are"
+            " needed"
         )
     return found
 

@@ -42,7 +42,8 @@ def find_core(model: Path, sha256: str) -> CompiledModel:
             return core
     if not reasons:
         raise CoreError(
-            f"{model.name} has no compiled core: colcon build makes one, or export_core"
+            f"{model.name} has no compiled core: ros2 run terrain_estimator export_core {model}"
+            " FOLDER --build makes one"
         )
     raise CoreError("; ".join(reasons))
 

@@ -39,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from terrain_estimator.distributions import chi_square_limit, normal_cdf, normal_quantile
-from terrain_estimator.estimator.intake import ADVICE as CHECK
+from terrain_estimator.estimator.intake import ADVICE
 from terrain_estimator.estimator.recent_seconds import LAGS, RecentSeconds, known, products_of
 from terrain_estimator.observation import Floats
 from terrain_estimator.update import Disagreement, RowFit
@@ -69,7 +69,6 @@ CROSSING = 15
 """[seconds of driving] From the first sign of a change until the last axle has crossed."""
 REST = 45
 """[seconds of driving] From one change to the next; an earlier one explains no misfit."""
-ADVICE = f"{CHECK}; find_missing_effect names rows and effects from a recording"
 LAWS_IN_DOUBT = ("grousers", "slip_sinkage", "sinkage_bias", "rate_dependence", "exit_angle")
 """Named effects with which a model confirms nothing.
 

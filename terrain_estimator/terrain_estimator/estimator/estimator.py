@@ -102,7 +102,7 @@ class Estimator:
         """Start over from the prior; how well the model fitted is kept."""
         self._state = self._start()
         self._last: Observation | None = None  # the last one that was accepted
-        self._intake = Intake(self._intake.window)
+        self._intake = Intake(self._intake.window, self._intake.alone)
         self._contradictions = 0
         self._change = 0.0  # probability that the ground changed, as of the last closed block
         self._doubt = 0.0  # probability that the ground is one that no block fitted yet
@@ -167,6 +167,7 @@ class Estimator:
                     intake.waiting,
                     self._contradictions,
                     -1 if moving.stamp_ns is None else moving.stamp_ns,
+                    intake.alone,
                 ],
                 dtype=np.int64,
             ),
@@ -304,6 +305,7 @@ class Estimator:
         if not all(report.usable):
             return self._deciding.out_of_range(report.usable)
         if report.distance > self._gate:
+            self._intake.leave_out()
             return self._deciding.gated(observation.velocity, report, self._gate)
         return None
 

@@ -3,7 +3,8 @@
 """What became of the accepted observations: they enter the posterior, or not, second by second.
 
 A second is a block of the model: ten observations, or fewer where a gap ends it. Each is taken into
-the posterior or left out as a whole, when it ends.
+the posterior or left out as a whole, when it ends. An observation that is refused by itself is in
+none: it leaves a gap.
 """
 
 from collections import deque
@@ -15,22 +16,26 @@ WINDOW = 60
 """[seconds of driving] Closed ones that are judged."""
 FEWEST = 10
 """[seconds of driving] Fewer are not judged."""
+LONELY = 10
+"""Observations refused by themselves, with none accepted between them, that count as a second."""
 LEAST_TAKEN = 0.5
 """[1] Share of the seconds that a model takes where it fits rover and ground.
 
 Where all is right it leaves out gate_probability of them, and those of a border that it crosses.
 """
 ADVICE = (
-    "check the model, the rover file, the stated standard deviations and the sensors, in this order"
+    "check the model, the rover file, the stated standard deviations and the sensors, in this"
+    " order; find_missing_effect names rows and effects from recordings"
 )
 
 
 class Intake:
     """Counts since the last return to the prior, and the last closed seconds."""
 
-    def __init__(self, window: Iterable[bool] = ()) -> None:
-        """Start with the last closed seconds: whether each was taken."""
+    def __init__(self, window: Iterable[bool] = (), alone: int = 0) -> None:
+        """Start with the last closed seconds, whether each was taken, and those refused since."""
         self.used = self.waiting = 0  # observations in the posterior and in the open second
+        self.alone = alone  # observations refused by themselves since a second was counted
         self.time_used_s = self.time_waiting_s = 0.0
         self.window = deque(window, maxlen=WINDOW)
         self._judge()
@@ -39,6 +44,12 @@ class Intake:
         """Count an observation of the open second, ``time_s`` after the last accepted one."""
         self.waiting += 1
         self.time_waiting_s += time_s
+
+    def leave_out(self) -> None:
+        """Count an observation that was refused by itself; so many are a refused second."""
+        self.alone += 1
+        if self.alone >= LONELY:
+            self._count(taken=False)
 
     def take(self) -> int:
         """End the open second, which enters the posterior; return its observations."""
@@ -52,10 +63,15 @@ class Intake:
 
     def _end(self, *, taken: bool) -> int:
         settled, self.waiting, self.time_waiting_s = self.waiting, 0, 0.0
-        if settled:
-            self.window.append(taken)
-            self._judge()
+        if settled:  # a second of which more was refused than taken is not of a model that fits
+            self._count(taken=taken and settled >= self.alone)
         return settled
+
+    def _count(self, *, taken: bool) -> None:
+        """Count a second."""
+        self.alone = 0
+        self.window.append(taken)
+        self._judge()
 
     def _judge(self) -> None:
         """Count the last closed seconds, and say what they disagree with."""

@@ -24,7 +24,7 @@ from terrain_estimator.estimator.forecasting import (
     Forecasting,
     Hindsight,
 )
-from terrain_estimator.estimator.intake import WINDOW, Intake
+from terrain_estimator.estimator.intake import LONELY, WINDOW, Intake
 from terrain_estimator.estimator.off_plane import FASTEST
 from terrain_estimator.estimator.persistence import MEMORY, Persistence
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
@@ -87,6 +87,7 @@ _COUNTS = (
     ("waiting", 0, 2**53),
     ("contradictions", 0, 10**6),
     ("moving_stamp", -1, _LATEST),
+    ("alone", 0, LONELY - 1),
 )
 _NUMBERS = (
     ("time_used", 0.0, 1e12),
@@ -210,9 +211,9 @@ def _counted(arrays: Arrays, rows: Sequence[str]) -> Counts:
             if not (absent or least <= value <= most):
                 raise _refused(name, f"{value:g}", f"not within {least:g} to {most:g}")
         found += values
-    stamp_ns, used, waiting, contradictions, moving_ns = map(int, found[: len(_COUNTS)])
+    stamp_ns, used, waiting, contradictions, moving_ns, alone = map(int, found[: len(_COUNTS)])
     used_s, waiting_s, change, doubt, *forecasts = found[len(_COUNTS) :]
-    intake = Intake(_flags(arrays, "window", WINDOW))
+    intake = Intake(_flags(arrays, "window", WINDOW), alone)
     consistency = Consistency(
         rows,
         _fits(arrays, "judged", max(WINDOWS), len(rows)),

@@ -201,7 +201,7 @@ class Mapping:
             if name not in rover.wheel_names:
                 raise ConfigError(
                     f"wheels[{at}]: name: {name!r} is no wheel of the rover {rover.name}:"
-                    f" {nearest(name, rover.wheel_names)} Correct the name, or give the rover's"
+                    f" {nearest(name, rover.wheel_names)}; correct the name, or give the rover's"
                     " file with --rover"
                 )
         rest = [WheelColumns(name) for name in rover.wheel_names if name not in listed]

@@ -25,6 +25,8 @@ _SLOWEST_RIM = 0.01  # [m/s] of a wheel that turns
 _SAME = 1.3  # [1] ratio up to which two velocities agree with a factor between units
 _DIFFERENT = 2.5  # [1] ratio from which they contradict each other
 _TURNING = 0.2  # [1] difference of the rates of left and right wheels in a turn
+_ALIKE = 0.7  # [1] correlation from which slopes show in the acceleration
+_ON_SLOPES = 50  # rows below which they are not looked for
 _STRONGEST = 15.0  # [1] torque over that of a wheel that pulls 0.3 of its load
 
 
@@ -96,6 +98,8 @@ class Plausibility:
     _columns: dict[tuple[str, str], Thinned] = field(default_factory=dict)
     _ratios: Thinned = field(default_factory=Thinned)
     _over_slip: Thinned = field(default_factory=Thinned)
+    _gravity: Thinned = field(default_factory=Thinned)  # [m/s^2] g sin(pitch)
+    _felt: Thinned = field(default_factory=Thinned)  # [m/s^2] acceleration at the same instants
 
     def watch(self, samples: Iterable[TableSample]) -> Iterator[TableSample]:
         """Yield the samples and remember what is needed to judge them."""
@@ -103,6 +107,10 @@ class Plausibility:
             for signal, column, value in self._values(sample):
                 self._columns.setdefault((signal, column), Thinned()).add(value)
             self._compare(sample)
+            felt, pitch = sample.acceleration.value, sample.pitch.value
+            if math.isfinite(felt) and math.isfinite(pitch):
+                self._felt.add(felt)
+                self._gravity.add(self.rover.gravity * math.sin(pitch))
             yield sample
 
     def faults(self) -> Iterator[str]:
@@ -115,6 +123,7 @@ class Plausibility:
                 yield self._beyond(signal, column, median, largest[signal])
         if not math.isnan(ratio := self._ratios.median):
             yield from self._contradiction(ratio)
+        yield from self._against_gravity()
 
     def _values(self, sample: TableSample) -> Iterator[tuple[str, str, float]]:
         for signal in filter(self.mapping.measures, WHEEL_SIGNALS):
@@ -194,6 +203,33 @@ class Plausibility:
                 f"velocity is {ratio:.3g} times that of the wheels, r w (1 - slip) with"
                 f" r = {self.rover.wheel_radius:g} m: set {' or '.join(explaining)} in the mapping,"
                 " or give the right rover (--rover)"
+            )
+
+    def _against_gravity(self) -> Iterator[str]:
+        """Name the sign or the unit by which the acceleration is not that of gravity on slopes.
+
+        Level ground, or noise that hides the slopes, tells neither.
+        """
+        pull, felt = self._gravity.values, self._felt.values
+        if len(pull) < _ON_SLOPES or not min(map(statistics.pvariance, (pull, felt))) > 0.0:
+            return
+        alike = statistics.correlation(pull, felt)
+        if abs(alike) < _ALIKE:
+            return
+        if alike < 0.0:
+            yield (
+                "pitch and acceleration have opposite signs, but a rover that stands nose up feels"
+                " a positive acceleration: give the other pitch.positive in the mapping, or change"
+                " the sign of one of the columns"
+            )
+            return
+        # both have noise: a slope of one over the other would be too small
+        ratio = statistics.pstdev(felt) / statistics.pstdev(pull)
+        units = self._scaled("acceleration", 1.0 / ratio)
+        if not 1.0 / _DIFFERENT < ratio < _DIFFERENT and units:
+            yield (
+                f"acceleration is {ratio:.3g} times that of gravity on the slopes, g sin(pitch):"
+                f" set acceleration.unit: {' or '.join(units)} in the mapping"
             )
 
     def _scaled(self, signal: str, wanted: float) -> list[str]:

@@ -314,8 +314,8 @@ class Converter:
         missing, foreign = self._stations.keys() - set(names), set(names) - self._stations.keys()
         if missing or foreign or len(names) != len(self._stations):
             raise WrongWheelsError(
-                f"{topic}: got wheels {list(names)}, the rover {self.rover.name} has"
-                f" {list(self._stations)}"
+                f"{topic}: got wheels {list(names)}, the model's rover {self.rover.name} has"
+                f" {list(self._stations)}; another rover needs a model of its own"
             )
         return self._remember(topic, names)
 

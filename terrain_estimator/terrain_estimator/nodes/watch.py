@@ -177,8 +177,11 @@ class Watch(Node):
         sys.stdout.flush()
 
 
+_STATUS = {each.value: each.name.lower().replace("_", " ") for each in Status}
+
+
 def live_line(last: dict[str, Message]) -> str:
-    """Format time, both parameters with 95 % intervals and truth, mean slip and sinkage.
+    """Format time, the parameters with 95 % intervals and truth, status, mean slip and sinkage.
 
     The parameters are left out where the model does not fit: they are the prior's then.
     """
@@ -200,10 +203,14 @@ def live_line(last: dict[str, Message]) -> str:
 
 
 def _strength(last: dict[str, Message]) -> list[str]:
-    """Format c and tan phi with their intervals, and the truth where it is known."""
+    """Format c and tan phi with their intervals, the truth where it is known, effects, status."""
     estimate, truth = last["terrain_estimate"], last.get(TRUTH)
     cohesion = (estimate.cohesion, estimate.cohesion_lower_95, estimate.cohesion_upper_95)
     tan_phi = (estimate.tan_phi, estimate.tan_phi_lower_95, estimate.tan_phi_upper_95)
+    effects = zip(
+        estimate.effect, estimate.effect_value, estimate.effect_stddev, estimate.effect_unit,
+        strict=False,
+    )  # fmt: skip
     return [
         (
             f"c {_interval(cohesion, 1e-3, '.2f')}"
@@ -213,6 +220,11 @@ def _strength(last: dict[str, Message]) -> list[str]:
             f"tan phi {_interval(tan_phi, 1.0, '.3f')}"
             f"{'' if truth is None else f', truth {truth.tan_phi:.3f}'}"
         ),
+        *(
+            f"{name} {value:.3g} +- {sd:.2g}" + ("" if unit in {"", "1"} else f" {unit}")
+            for name, value, sd, unit in effects
+        ),
+        _STATUS.get(estimate.status, "unknown status"),
     ]
 
 

@@ -28,14 +28,14 @@ from terrain_estimator.config.estimator import AUTO, COMPILED, TORCHSCRIPT, Esti
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.estimator.saved_state import Arrays
 from terrain_estimator.messaging.history import WheelHistory
-from terrain_estimator.messaging.messages import status_of
+from terrain_estimator.messaging.messages import status_of, status_text
 from terrain_estimator.messaging.pipeline import Pipeline, configuration_sha256, rover_of
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.offline.converted import converted
 from terrain_estimator.offline.estimation_process import Answered, answering
 from terrain_estimator.offline.replay_result import Replay
 from terrain_estimator.offline.state_files import read_state
-from terrain_estimator.offline.topic_mapping import check_inputs
+from terrain_estimator.offline.topic_mapping import check_inputs, perhaps_renamed
 from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
 
 Keep: TypeAlias = Callable[[Answered], None]
@@ -124,8 +124,13 @@ def estimate(
     with BagReader(bag) as reader:
         check_inputs(str(bag), reader.topics, names)
         reader.expect({names[name]: type_name for name, type_name in INPUT_TYPES.items()})
+        types = {name: topic.type_name for name, topic in reader.topics.items()}
         result.missing_s = reader.missing_s
-        result.notes = reader.notes + _other_model(reader, chosen.model, names["terrain_estimate"])
+        result.notes = [
+            *reader.notes,
+            *perhaps_renamed(str(bag), types, names),
+            *_other_model(reader, chosen.model, names["terrain_estimate"]),
+        ]
         wheels = rover_of(chosen.model.metadata, config.rover).wheel_names
         result.slip, result.sinkage = WheelHistory(wheels), WheelHistory(wheels)
         chosen = _as_recorded(reader, chosen, config, names["terrain_estimate"])
@@ -147,7 +152,10 @@ def estimate(
         result.wall_s = time.perf_counter() - started_s
         result.inputs = dict(pipeline.counters)
         if result.last:
-            result.status = status_of(result.last.update, pipeline.meta.rows).name
+            update, rows = result.last.update, pipeline.meta.rows
+            status = status_of(update, rows)
+            result.status = status.name
+            result.status_text = status_text(update, status, rows, result.last.notes)
     return result
 
 

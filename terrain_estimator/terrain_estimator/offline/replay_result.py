@@ -37,6 +37,7 @@ class Replay:
     first: Answer | None = None
     last: Answer | None = None
     status: str = ""
+    status_text: str = ""  # of the last estimate, as its message has it
     # grows only with the changes of the simulated ground
     truths: list[Message] = field(default_factory=list)
     history: RunHistory = field(default_factory=RunHistory)

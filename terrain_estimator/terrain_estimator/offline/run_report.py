@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 from rover_parameters.parameters import effective, parameters
 from terrain_estimator.bags import Message
 from terrain_estimator.config.estimator import EstimatorConfig
-from terrain_estimator.messaging.messages import Status, status_text
 from terrain_estimator.messaging.pipeline import rover_of
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.offline.provenance import bag_sha256, versions
@@ -20,11 +19,10 @@ from terrain_estimator.topics import stamp_ns
 
 def report_page(replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig) -> str:
     """Return the page about runs whose history was kept; OSError where a bag is gone."""
-    return run_page([_run(each, model) for each in replays], _origin(replays, model, config))
+    return run_page([_run(each) for each in replays], _origin(replays, model, config))
 
 
-def _run(replay: Replay, model: LoadedModel) -> ReplayedRun:
-    last = replay.last
+def _run(replay: Replay) -> ReplayedRun:
     return ReplayedRun(
         name=replay.name,
         bag=str(replay.bag),
@@ -32,11 +30,7 @@ def _run(replay: Replay, model: LoadedModel) -> ReplayedRun:
         state_sha256=replay.state_sha256,
         span_s=replay.span_s,
         status=replay.status.lower().replace("_", " "),
-        status_text=(
-            status_text(last.update, Status[replay.status], model.used_rows, last.notes)
-            if last
-            else ""
-        ),
+        status_text=replay.status_text,
         disagreements=[each.finding for each in replay.disagreements],
         remarks=remarks(replay),
         history=replay.history,

@@ -18,6 +18,8 @@ from rover_parameters.parameters import effective
 from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.estimator.intake import FEWEST
 from terrain_estimator.files.atomic import write_file
+from terrain_estimator.intervals import HALF_WIDTH_95
+from terrain_estimator.messaging.messages import Status
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.offline.replay_result import Replay
 from terrain_estimator.outcome import Outcome
@@ -81,8 +83,10 @@ def _run_summary(replay: Replay) -> dict[str, Any]:
             for rate, count in replay.rates.found()
         ],
         "status": replay.status,
+        "status_text": replay.status_text,
         "disagreements": [each.finding for each in replay.disagreements],
         "estimate": estimate_summary(replay),
+        "effects": effects_summary(replay),
         "wall_s": replay.wall_s,
         "times_real_time": finite(replay.times_real_time),
         "identical_to_live": (
@@ -115,8 +119,28 @@ def estimate_summary(replay: Replay) -> dict[str, Any]:
     return result
 
 
+def effects_summary(replay: Replay) -> list[dict[str, Any]]:
+    """Return the last size of each named effect of the model, in its unit; empty as the estimate.
+
+    The interval is of 95 %.
+    """
+    if replay.last is None or not replay.gave_estimate:
+        return []
+    return [
+        {
+            "name": each.name,
+            "mean": finite(each.mean),
+            "sd": finite(each.sd),
+            "lower_95": finite(each.mean - HALF_WIDTH_95 * each.sd),
+            "upper_95": finite(each.mean + HALF_WIDTH_95 * each.sd),
+            "unit": each.unit,
+        }
+        for each in replay.last.update.estimate.effects
+    ]
+
+
 def print_table(replays: Sequence[Replay]) -> None:
-    """Print one line for each bag, then remarks about it."""
+    """Print one line for each bag, then what its estimate says beside it, and remarks."""
     console = Console(
         highlight=False,
         markup=False,
@@ -153,8 +177,9 @@ def print_table(replays: Sequence[Replay]) -> None:
             f"{each.times_real_time:.0f}",
         )
     console.print(table)
-    for line in (line for each in replays for line in remarks(each)):
-        console.print(line)
+    for each in replays:
+        for line in [*_about_the_estimate(each), *remarks(each)]:
+            console.print(line)
 
 
 def write_summary(path: Path, content: dict[str, Any]) -> None:
@@ -172,6 +197,19 @@ def _interval(value: dict[str, Any] | None, scale: float, *, narrow: bool) -> st
     return f"{mean:.3g} ({lower:.3g} to {upper:.3g}{truth and ', '}{truth})"
 
 
+def _about_the_estimate(replay: Replay) -> Iterator[str]:
+    """Yield what the table has no room for; a report has it in its verdict."""
+    if replay.gave_estimate and replay.status != Status.IDENTIFIED.name:
+        yield f"{replay.name}: {replay.status_text}"
+    for each in effects_summary(replay):
+        if each["mean"] is not None and each["sd"] is not None:
+            unit = "" if each["unit"] in {"", "1"} else f" {each['unit']}"
+            yield (
+                f"{replay.name}: {each['name']} {each['mean']:.4g}{unit}"
+                f" (95 %: {each['lower_95']:.4g} to {each['upper_95']:.4g})"
+            )
+
+
 def remarks(replay: Replay) -> list[str]:
     """Return remarks on a run for the user, one for each line."""
     lines = list(replay.notes)
@@ -185,7 +223,7 @@ def remarks(replay: Replay) -> list[str]:
 def _about_the_fit(replay: Replay) -> Iterator[str]:
     settled = replay.settled
     for outcome, count in sorted(settled.outcomes.items()):
-        if outcome.advice:
+        if outcome.advice and (replay.learnt or not replay.estimates):  # else it is said below
             yield f"{count} x {outcome.name}: {outcome.advice}"
     for each in replay.disagreements:
         yield f"NO ESTIMATE, {each.finding}: {each.advice}"

@@ -84,3 +84,24 @@ def check_inputs(bag: str, present: Mapping[str, object], names: Mapping[str, st
             " (docs/bring_your_own_rover.md)"
         )
     raise TopicError(f"{bag}: no topic {', '.join(missing)}; {hint}")
+
+
+def perhaps_renamed(bag: str, present: Mapping[str, str], names: Mapping[str, str]) -> list[str]:
+    """Return a note for each optional input without its topic, where another may be it.
+
+    ``present`` are the types of the bag's topics by their names.
+    """
+    used = set(names.values())
+    notes = []
+    for name, type_name in INPUT_TYPES.items():
+        if name in REQUIRED_INPUTS or names[name] in present:
+            continue
+        others = sorted(
+            topic for topic, found in present.items() if found == type_name and topic not in used
+        )
+        if others:
+            notes.append(
+                f"{bag}: no topic {names[name]}, whose rows are missing; of its type there is"
+                f" {', '.join(others)}: if that is meant, give --remap {name}:={others[0]}"
+            )
+    return notes

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The first sentence of a finding: what it is, how much it matters, and what adding it gains."""
 
+import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -36,6 +38,10 @@ _SHOWN = {"m": (1e3, "mm")}
 """Factor and unit in which a quantity is written, where that is not its own."""
 _SMALL = 0.2
 """[1] Share of its interval below which a change is not mentioned."""
+_LOWERED = 0.9
+"""[1] Error after over that before up to which adding an effect helps a row noticeably."""
+_AXLE = re.compile(r"_(\d+)$")
+"""The axle in the name of a row, 0 at the front."""
 UNLIKELY = 0.05
 """[1] Probability over that of the best answer below which a candidate counts as excluded."""
 
@@ -103,8 +109,12 @@ def _gained(finding: Mapping[str, Any]) -> str:
         return ""
     usual = [each for each in errors if each[0] in ("drawbar_pull", "velocity")] or errors
     name, before, after, unit = usual[-1]
+    if after > _LOWERED * before:  # the effect acts elsewhere: say where it helps most
+        helped = min(errors, key=lambda each: each[2] / each[1] if each[1] > 0.0 else math.inf)
+        if helped[2] <= _LOWERED * helped[1]:
+            name, before, after, unit = helped
     factor, shown = _SHOWN.get(unit, (1.0, unit))
-    row = name.replace("_", " ")
+    row = _AXLE.sub(r" of axle \1", name).replace("_", " ")
     change = "takes" if after < before else "does not lower"
     figures = f"from {factor * before:.2g} to {factor * after:.2g} {shown}"
     return f"; adding it {change} the error of the {row} on unseen {where}" + (

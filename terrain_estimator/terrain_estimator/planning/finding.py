@@ -19,7 +19,10 @@ def find_statics(model: Path, sha256: str) -> Statics:
         path = folder / (model.stem + ENDING)
         if path.is_file():
             return read_statics(path, sha256)
-    raise StaticsError(f"{model.name} has no statics: colcon build makes them, or export_core")
+    raise StaticsError(
+        f"{model.name} has no statics: ros2 run terrain_estimator export_core {model} FOLDER"
+        " --build makes them"
+    )
 
 
 def statics_of(model: Path, metadata: Metadata) -> tuple[Statics, str]:

@@ -106,6 +106,12 @@ class Rover:
                     " m?"
                 )
         self._check_joints()
+        wheelbase = self.axle_x[0] - self.axle_x[-1]
+        if self.wheel_radius > wheelbase:
+            raise ConfigError(
+                f"wheel_radius: {self.wheel_radius:g} m is more than the {wheelbase:g} m from the"
+                " first axle to the last: correct one of them; is the unit m?"
+            )
         if self.cruise_speed[0] > self.cruise_speed[1]:
             raise ConfigError(f"cruise_speed {list(self.cruise_speed)} must not fall")
         self._check_wheels()

@@ -32,6 +32,10 @@ def test_signs_and_powers_of_ten_are_read() -> None:
     assert sized("payload=-2.5e+1+-.5") == Sized("payload", -25.0, 0.5)
 
 
+def test_a_size_is_read_as_find_missing_effect_prints_it() -> None:
+    assert sized("payload=-25 +- 0.5") == Sized("payload", -25.0, 0.5)
+
+
 @pytest.mark.parametrize(
     ("effect", "said"),
     [

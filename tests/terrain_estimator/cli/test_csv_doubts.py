@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.terrain_estimator.cli.csv_files import HEADER, ROWS, mapping, messages, run
@@ -85,6 +86,47 @@ def test_impossible_values_name_column_value_and_the_unit_that_fits(
     assert not (tmp_path / "bag").exists()
 
 
+def on_slopes(sign: float, steepest_deg: float = 4.0) -> list[str]:
+    """Return rows over hills; the mapping's pitch is positive nose down, its acceleration in g."""
+    draw, lines = np.random.default_rng(3), rows(200)
+    for k in range(1, len(lines)):
+        cells = lines[k].split(",")
+        up = np.radians(steepest_deg) * np.sin(k / 20.0)
+        cells[2] = f"{sign * np.degrees(-up) + draw.normal(0.0, 0.3):.4f}"
+        cells[3] = f"{np.sin(up) + draw.normal(0.0, 0.002):.5f}"
+        lines[k] = ",".join(cells)
+    return lines
+
+
+@pytest.mark.parametrize(
+    ("changes", "sign", "words"),
+    [
+        ({}, -1.0, "pitch and acceleration have opposite signs"),
+        (
+            {"acceleration": {"column": "a", "unit": "m/s^2", "noise": {"absolute": 0.01}}},
+            1.0,
+            "times that of gravity on the slopes, g sin(pitch): set acceleration.unit: g",
+        ),
+    ],
+)
+def test_an_acceleration_that_is_not_gravity_s_on_slopes_is_named(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    changes: dict[str, Any],
+    sign: float,
+    words: str,
+) -> None:
+    assert run(tmp_path, mapping(), on_slopes(1.0)) == 0, capsys.readouterr().err
+    (tmp_path / "bag").rename(tmp_path / "plain")
+    assert run(tmp_path, mapping(**changes), on_slopes(sign)) == 2
+    assert words in (error := capsys.readouterr().err), error
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_level_ground_does_not_tell_the_sign_of_the_pitch(tmp_path: Path, sign: float) -> None:
+    assert run(tmp_path, mapping(), on_slopes(sign, 0.0)) == 0
+
+
 def test_a_single_impossible_value_is_left_to_the_estimator(tmp_path: Path) -> None:
     lines = rows(20)
     lines[7] = lines[7].replace(",12,", ",12000,")
@@ -103,12 +145,29 @@ def test_decimal_commas_and_words_for_missing_values(tmp_path: Path) -> None:
 
 def test_the_rate_is_found_and_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(tmp_path, mapping(), rows(100, 50.0)) == 0
-    assert "100 rows at 50 Hz, averaged to 10 Hz" in capsys.readouterr().out
+    assert "100 rows at 50 Hz; replay averages them to 10 Hz" in capsys.readouterr().out
     (tmp_path / "bag").rename(tmp_path / "fast")
     assert run(tmp_path, mapping(), rows(20)) == 0
     assert "20 rows at 10 Hz\n" in capsys.readouterr().out
     assert run(tmp_path, mapping(), rows(20, 2.0)) == 2
-    assert "column 't': the rows come at 2 Hz, but 5 to 200 Hz" in capsys.readouterr().err
+    words = "column 't': the rows come at 2 Hz, but 5 to 200 Hz are needed: record faster"
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("unit", "per_unit", "words"),
+    [
+        ("s", 0.01, "0.01 Hz, but 5 to 200 Hz are needed: set time.unit: ms in the mapping"),
+        ("us", 0.01, "1e+04 Hz, but 5 to 200 Hz are needed: set time.unit: ms in the mapping"),
+        ("ns", 1e-5, "1e+04 Hz, but 5 to 200 Hz are needed: set time.unit: us in the mapping"),
+    ],
+)
+def test_a_wrong_unit_of_time_is_named_with_the_one_that_fits(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], unit: str, per_unit: float, words: str
+) -> None:
+    time = {"column": "t", "unit": unit}
+    assert run(tmp_path, mapping(time=time), rows(20, per_unit)) == 2
+    assert f"column 't': the rows come at {words}" in capsys.readouterr().err
 
 
 def test_a_wheel_without_columns_is_not_measured_and_an_axle_without_any_is_named(

@@ -91,6 +91,13 @@ def test_a_signal_that_was_not_measured_is_absent(
     assert "no pitch: give a column, or constant_pitch" in output
 
 
+def test_a_file_without_velocity_is_told_that_nothing_can_be_used(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(tmp_path, mapping(velocity=None)) == 0
+    assert "no velocity: every observation is refused: give its column" in capsys.readouterr().out
+
+
 def test_a_bogie_angle_arrives_as_a_joint_nose_up(tmp_path: Path) -> None:
     """Use the column of the pitch: 2 deg nose down."""
     assert (

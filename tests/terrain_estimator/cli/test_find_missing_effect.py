@@ -164,7 +164,7 @@ def test_one_run_and_unreadable_runs_are_refused(
     assert main([bags[0], str(tmp_path / "nothing_here")]) == 2
     complaint = capsys.readouterr().err
     assert "nothing_here is left out" in complaint
-    assert "1 of 2 runs can be used" in complaint
+    assert "1 of 2 searched runs can be used, at least 2 are needed" in complaint
 
 
 def test_a_run_that_is_given_twice_is_refused_under_whatever_name(

@@ -259,7 +259,8 @@ def test_a_library_that_is_no_core_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_model_without_a_core_says_what_makes_one(tmp_path: Path) -> None:
-    with pytest.raises(CoreError, match="export_core"):
+    command = f"ros2 run terrain_estimator export_core {tmp_path}/mine.pt FOLDER --build"
+    with pytest.raises(CoreError, match=command):
         _only_beside(tmp_path / "mine.pt", "0" * 64)
 
 

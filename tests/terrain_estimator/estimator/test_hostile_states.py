@@ -88,8 +88,13 @@ def full(value: float) -> Callable[[np.ndarray], np.ndarray]:
         ("counts", lambda array: array - 2**62, "stamp is .*, not within -1"),
         (
             "counts",
-            lambda array: array + np.eye(5, dtype=int)[2],
+            lambda array: array + np.eye(len(array), dtype=int)[2],
             "waiting is .*, but the open block has",
+        ),
+        (
+            "counts",
+            lambda array: array + 10 * np.eye(len(array), dtype=int)[5],
+            "alone is 10, not within 0 to 9",
         ),
         ("numbers", full(np.nan), "time_used is nan, not within"),
         (

@@ -11,7 +11,14 @@ import pytest
 
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
-from terrain_estimator.estimator.intake import FEWEST, WINDOW, mostly_refused
+from terrain_estimator.estimator.intake import (
+    FEWEST,
+    LEAST_TAKEN,
+    LONELY,
+    WINDOW,
+    Intake,
+    mostly_refused,
+)
 from terrain_estimator.estimator.persistence import FEWEST as FEWEST_CHANGES
 from terrain_estimator.estimator.persistence import Persistence
 from terrain_estimator.intervals import HALF_WIDTH_95
@@ -91,6 +98,42 @@ def test_below_one_half_of_the_last_seconds_there_is_no_estimate(updates: list[U
         "the model does not fit this rover or ground: 10 of the last 21"
     )
     assert reason.advice.startswith("check the model, the rover file")
+
+
+@pytest.mark.parametrize(("of_three", "disagrees"), [(1, False), (2, True)])
+def test_observations_that_are_refused_by_themselves_count_where_they_are_the_most(
+    model: LoadedModel, of_three: int, *, disagrees: bool
+) -> None:
+    """They split the seconds: the few that were accepted between them are not what is judged."""
+    drive = drive_observations(model.rover, model.metadata.soils[0], 16.0, seed=11)
+    for k in range(GOOD, len(drive)):
+        if k % 3 < of_three:
+            drive[k] = dataclasses.replace(drive[k], velocity=2.0 * drive[k].velocity)
+    estimator = Estimator(model, CoreConfig())
+    updates = [estimator.update(each) for each in drive]
+    refused = [each for each in updates if each.decision.outcome is Outcome.GATED]
+    assert len(refused) == pytest.approx(of_three / 3 * (len(drive) - GOOD), abs=4)
+    assert not any(each.decision.settled for each in refused), "each by itself"
+    judged, taken = updates[-1].estimate.seconds
+    assert judged >= FEWEST
+    assert bool(updates[-1].disagreements) == (taken < LEAST_TAKEN * judged) == disagrees
+
+
+def test_ten_observations_refused_by_themselves_are_a_refused_second() -> None:
+    intake = Intake()
+    for _ in range(LONELY - 1):
+        intake.leave_out()
+    assert (intake.seconds, intake.alone) == (Seconds(0, 0), LONELY - 1)
+    intake.leave_out()
+    assert (intake.seconds, intake.alone) == (Seconds(1, 0), 0)
+    for alone, taken in ((3, True), (4, False)):
+        for _ in range(3):
+            intake.wait(0.1)
+        for _ in range(alone):
+            intake.leave_out()
+        before = intake.seconds
+        assert intake.take() == 3
+        assert intake.seconds == (before.judged + 1, before.taken + taken)
 
 
 def test_a_return_to_the_prior_does_not_hide_a_misfit(updates: list[Update]) -> None:

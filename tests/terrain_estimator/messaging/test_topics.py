@@ -9,6 +9,7 @@ from terrain_estimator.offline.topic_mapping import (
     bag_topics,
     check_inputs,
     parse_remap,
+    perhaps_renamed,
 )
 
 
@@ -40,6 +41,18 @@ def test_a_missing_topic_is_named_with_what_looks_like_it() -> None:
         check_inputs("bag", {"/r/wheel_slip": None}, bag_topics([], ""))
     with pytest.raises(TopicError, match="/camera"):
         check_inputs("bag", {"/camera": None}, bag_topics([], ""))
+
+
+def test_an_optional_topic_of_another_name_is_noted_with_the_remap() -> None:
+    imu, joints = "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState"
+    present = {"/imu/data": imu, "/joint_states": joints, "/arm": joints}
+    [note] = perhaps_renamed("bag", present, bag_topics([], ""))
+    assert note == (
+        "bag: no topic /imu, whose rows are missing; of its type there is /imu/data: if that is"
+        " meant, give --remap imu:=/imu/data"
+    )
+    assert perhaps_renamed("bag", present, bag_topics(["imu:=/imu/data"], "")) == []
+    assert perhaps_renamed("bag", {"/joint_states": joints}, bag_topics([], "")) == []
 
 
 def test_one_topic_is_not_read_as_two() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from terrain_estimator.bags import BagReader, BagWriter, Split, Types
-from terrain_estimator.cli import recover_bag, replay
+from terrain_estimator.cli import add_effect, recover_bag, replay
 from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.estimator.saved_state import pack_state
 from terrain_estimator.files.atomic import write_file
@@ -61,7 +61,7 @@ def test_the_table_fits_a_terminal_of_80_columns(
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     monkeypatch.setenv("TERM", "dumb")  # whose width rich takes for 80
     _, summary = run(tmp_path, bag)
-    table = capsys.readouterr().out.partition("summary:")[0]
+    table = capsys.readouterr().out.partition("\ndrive: ")[0]
     assert max(len(line.rstrip()) for line in table.splitlines()) <= 80
     assert "…" not in table
     assert summary["bags"][0]["status"] in table
@@ -147,8 +147,52 @@ def test_a_bag_of_which_nothing_is_used_gives_no_estimate(
     words = capsys.readouterr().out
     assert "NO ESTIMATE, no observation was used: 20 WRONG_WHEELS (publish the wheel" in words
     assert "got wheels ['wheel_0'" in words
+    assert "another rover needs a model of its own" in words
+    assert words.count("publish the wheel names of the rover file") == 1
     assert "2.75" not in words
     assert "NO ESTIMATE" in (tmp_path / "report.html").read_text()
+
+
+def test_the_sizes_of_named_effects_are_printed_and_in_the_summary(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = tmp_path / "drag.pt"
+    assert add_effect.main(["--effect", "drive_drag=0.2+-0.1", "--out", str(model)]) == 0
+    types = Types()
+    drive = write_bag(tmp_path / "drive", drive_messages(types.make, SECONDS), types)
+    code, summary = run(tmp_path / "out", drive, "--model", model)
+    assert code == 0
+    [size] = summary["bags"][0]["effects"]
+    last = estimates(tmp_path / "out/drive_estimates")[-1]
+    assert (size["name"], size["unit"]) == ("drive_drag", "N m s/rad")
+    assert (size["mean"], size["sd"]) == (last.effect_value[0], last.effect_stddev[0])
+    assert size["lower_95"] < size["mean"] - size["sd"] < size["mean"] < size["upper_95"]
+    assert re.search(
+        rf"drive: drive_drag {size['mean']:.4g} N m s/rad \(95 %: .* to .*\)",
+        capsys.readouterr().out,
+    )
+
+
+def test_a_status_that_is_not_identified_is_explained_and_a_renamed_topic_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    types, drive = Types(), tmp_path / "drive"
+    with BagWriter(drive) as writer:
+        topics = {
+            name: writer.add_topic("/imu/data" if name == "imu" else f"/{name}", type_name)
+            for name, type_name in INPUT_TYPES.items()
+        }
+        for name, stamp, message in drive_messages(types.make, SECONDS):
+            writer.write(topics[name], types.serialize(message), stamp)
+    code, summary = run(tmp_path / "out", drive)
+    assert code == 0
+    text = summary["bags"][0]["status_text"]
+    assert text.startswith("degraded; ")
+    assert "rows missing: acceleration" in text
+    assert estimates(tmp_path / "out/drive_estimates")[-1].status_text == text
+    told = capsys.readouterr().out
+    assert f"drive: {text}\n" in told
+    assert f"{drive}: no topic /imu, whose rows are missing; of its type there is /imu/data" in told
 
 
 def test_readings_at_50_hz_are_averaged_and_the_summary_names_their_rate(

@@ -25,6 +25,27 @@ def test_a_wheel_s_first_sentence_says_what_how_much_and_what_adding_it_gains() 
     assert not opening(wheel_finding("unknown"))
 
 
+def drives_finding(torque_after: float) -> dict[str, Any]:
+    effect = {"name": "drive_drag", "coefficient": 1.2, "sd": 0.06, "unit": "N m s/rad"}
+    rows = [
+        {"row": row, "region": "everywhere", "unit": unit, "error": [before, after]}
+        for row, unit, before, after in (
+            ("torque_2", "N m", 1.62, torque_after),
+            ("velocity", "m/s", 0.00243, 0.00244),
+        )
+    ]
+    gap = {"before": 39.7, "after": 1.1}
+    found = {"verdict": "named", "effects": [effect], "confusable_with": [], "gap": gap}
+    return found | {"proof": {"rows": rows}}
+
+
+def test_the_first_sentence_names_what_is_lowered_where_the_velocity_is_not() -> None:
+    end = "adding it takes the error of the torque of axle 2 on unseen runs from 1.6 to 0.034 N m."
+    assert opening(drives_finding(0.034)).endswith(end)
+    end = "adding it does not lower the error of the velocity on unseen runs (from 0.0024 to"
+    assert end in opening(drives_finding(1.63))
+
+
 def test_candidates_far_behind_the_best_are_excluded_with_their_odds() -> None:
     lines = excluded({"grousers": 0.9, "exit_angle": 0.009, "none": 0.0, "bulldozing": 0.09})
     assert lines == [

@@ -135,8 +135,10 @@ def test_without_a_file_the_statics_are_solved_and_that_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("AMENT_PREFIX_PATH", "")
-    found, why = statics_of(tmp_path / "mine.pt", dataclasses.replace(METADATA, soils=(SOIL,)))
-    assert why == "mine.pt has no statics: colcon build makes them, or export_core"
+    mine = tmp_path / "mine.pt"
+    found, why = statics_of(mine, dataclasses.replace(METADATA, soils=(SOIL,)))
+    command = f"ros2 run terrain_estimator export_core {mine} FOLDER --build"
+    assert why == f"mine.pt has no statics: {command} makes them"
     np.testing.assert_array_equal(found.wheel, table().statics.wheel)
 
 
