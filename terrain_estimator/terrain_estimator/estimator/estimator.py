@@ -183,7 +183,7 @@ class Estimator:
                     *self._forecasting.hindsight,
                 ]
             ),
-            "window": np.array(intake.window, dtype=np.int64),
+            "window": np.array(intake.window, dtype=np.int64).reshape(-1, 3),
             **self._consistency.arrays(),
         }
 
@@ -242,7 +242,8 @@ class Estimator:
     def _judge(self) -> None:
         """Judge the fit of the last closed blocks."""
         self._inconsistent, unconfirmed = self._consistency.judge()
-        self._unconfirmed = unconfirmed or self._law_in_doubt
+        doubt = self._intake.doubt(self._config.gate_probability)
+        self._unconfirmed = doubt or unconfirmed or self._law_in_doubt
         self._fit = self._consistency.fits()
         self._unsound_fit = unsound_fit(self._fit)
 
@@ -306,6 +307,7 @@ class Estimator:
             return self._deciding.out_of_range(report.usable)
         if report.distance > self._gate:
             self._intake.leave_out()
+            self._judge()
             return self._deciding.gated(observation.velocity, report, self._gate)
         return None
 

@@ -9,6 +9,7 @@ none: it leaves a gap.
 
 from collections import deque
 from collections.abc import Iterable
+from typing import NamedTuple
 
 from terrain_estimator.update import Disagreement, Seconds
 
@@ -23,17 +24,30 @@ LEAST_TAKEN = 0.5
 
 Where all is right it leaves out gate_probability of them, and those of a border that it crosses.
 """
+MOST_ALONE = 0.1
+"""[1] Share of the observations that may be refused by themselves in seconds that confirm a model.
+
+Where all is right it is gate_probability. Single readings of a sensor may be wrong, too.
+"""
 ADVICE = (
     "check the model, the rover file, the stated standard deviations and the sensors, in this"
     " order; find_missing_effect names rows and effects from recordings"
 )
 
 
+class ClosedSecond(NamedTuple):
+    """A second that ended: whether it was taken, its observations, and those refused before."""
+
+    taken: bool
+    held: int
+    alone: int  # refused by themselves since the second before
+
+
 class Intake:
     """Counts since the last return to the prior, and the last closed seconds."""
 
-    def __init__(self, window: Iterable[bool] = (), alone: int = 0) -> None:
-        """Start with the last closed seconds, whether each was taken, and those refused since."""
+    def __init__(self, window: Iterable[ClosedSecond] = (), alone: int = 0) -> None:
+        """Start with the last closed seconds, and the observations refused since."""
         self.used = self.waiting = 0  # observations in the posterior and in the open second
         self.alone = alone  # observations refused by themselves since a second was counted
         self.time_used_s = self.time_waiting_s = 0.0
@@ -49,7 +63,7 @@ class Intake:
         """Count an observation that was refused by itself; so many are a refused second."""
         self.alone += 1
         if self.alone >= LONELY:
-            self._count(taken=False)
+            self._count(0, taken=False)
 
     def take(self) -> int:
         """End the open second, which enters the posterior; return its observations."""
@@ -64,19 +78,33 @@ class Intake:
     def _end(self, *, taken: bool) -> int:
         settled, self.waiting, self.time_waiting_s = self.waiting, 0, 0.0
         if settled:  # a second of which more was refused than taken is not of a model that fits
-            self._count(taken=taken and settled >= self.alone)
+            self._count(settled, taken=taken and settled >= self.alone)
         return settled
 
-    def _count(self, *, taken: bool) -> None:
+    def _count(self, held: int, *, taken: bool) -> None:
         """Count a second."""
+        self.window.append(ClosedSecond(taken, held, self.alone))
         self.alone = 0
-        self.window.append(taken)
         self._judge()
 
     def _judge(self) -> None:
         """Count the last closed seconds, and say what they disagree with."""
-        self.seconds = Seconds(len(self.window), sum(self.window))
+        self.seconds = Seconds(len(self.window), sum(each.taken for each in self.window))
         self.disagreements = mostly_refused(self.seconds)
+
+    def doubt(self, gate_probability: float) -> str:
+        """Return why the last seconds do not confirm the model; empty where they may.
+
+        ``gate_probability`` [1] is the share of good observations that is refused.
+        """
+        alone = sum(each.alone for each in self.window) + self.alone
+        every = alone + sum(each.held for each in self.window)
+        if alone <= (MOST_ALONE + gate_probability) * every:
+            return ""
+        return (
+            f"{alone} of the {every} observations in the last {len(self.window)} seconds of driving"
+            " were refused by themselves"
+        )
 
 
 def mostly_refused(seconds: Seconds) -> tuple[Disagreement, ...]:

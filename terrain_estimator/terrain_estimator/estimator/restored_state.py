@@ -24,7 +24,7 @@ from terrain_estimator.estimator.forecasting import (
     Forecasting,
     Hindsight,
 )
-from terrain_estimator.estimator.intake import LONELY, WINDOW, Intake
+from terrain_estimator.estimator.intake import LONELY, WINDOW, ClosedSecond, Intake
 from terrain_estimator.estimator.off_plane import FASTEST
 from terrain_estimator.estimator.persistence import MEMORY, Persistence
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
@@ -153,7 +153,7 @@ def judged(arrays: Arrays, parts: EstimatorParts) -> Restored:
             value.
     """
     state = _shaped(arrays, parts)
-    counts = _counted(arrays, parts.rows)
+    counts = _counted(arrays, parts.rows, parts.block)
     if counts.intake.waiting != len(state["block"]):
         reason = f"but the open block has {len(state['block'])} observations"
         raise _refused("waiting", counts.intake.waiting, reason)
@@ -198,8 +198,11 @@ def _shaped(arrays: Arrays, parts: EstimatorParts) -> State:
     return state
 
 
-def _counted(arrays: Arrays, rows: Sequence[str]) -> Counts:
-    """Return the arrays of counts and numbers, and those of the last seconds and their ``rows``."""
+def _counted(arrays: Arrays, rows: Sequence[str], block: int) -> Counts:
+    """Return the arrays of counts and numbers, and those of the last seconds and their ``rows``.
+
+    A full second has ``block`` observations.
+    """
     found: list[float] = []
     for key, kind, limits in (("counts", "int64", _COUNTS), ("numbers", "float64", _NUMBERS)):
         array = arrays.get(key)
@@ -213,7 +216,7 @@ def _counted(arrays: Arrays, rows: Sequence[str]) -> Counts:
         found += values
     stamp_ns, used, waiting, contradictions, moving_ns, alone = map(int, found[: len(_COUNTS)])
     used_s, waiting_s, change, doubt, *forecasts = found[len(_COUNTS) :]
-    intake = Intake(_flags(arrays, "window", WINDOW), alone)
+    intake = Intake(_closed(arrays, block), alone)
     consistency = Consistency(
         rows,
         _fits(arrays, "judged", max(WINDOWS), len(rows)),
@@ -235,14 +238,16 @@ def _stamp(stamp_ns: int) -> int | None:
     return None if stamp_ns < 0 else stamp_ns
 
 
-def _flags(arrays: Arrays, name: str, most: int) -> list[bool]:
-    """Return an array of zeros and ones, one for each of the last closed seconds."""
-    array = arrays.get(name)
-    if array is None or array.dtype.name != "int64" or array.ndim != 1 or array.size > most:
-        raise StateFileError(f"the state's {name} is missing or has another shape: {ADVICE}")
-    if not np.isin(array, (0, 1)).all():
-        raise _refused(name, array.tolist(), "not of zeros and ones")
-    return [each == 1 for each in array.tolist()]
+def _closed(arrays: Arrays, block: int) -> list[ClosedSecond]:
+    """Return the last closed seconds, an array [n, 3]; a full one has ``block`` observations."""
+    array = arrays.get("window")
+    shaped = array is not None and array.ndim == 2 and array.shape[1] == len(ClosedSecond._fields)
+    if array is None or not shaped or array.dtype.name != "int64" or len(array) > WINDOW:
+        raise StateFileError(f"the state's window is missing or has another shape: {ADVICE}")
+    most = np.array([1, block, LONELY])
+    if not ((array >= 0) & (array <= most)).all():
+        raise _refused("window", array.tolist(), f"not within 0 to {most.tolist()}")
+    return [ClosedSecond(taken == 1, held, alone) for taken, held, alone in array.tolist()]
 
 
 def _since_change(arrays: Arrays) -> int:

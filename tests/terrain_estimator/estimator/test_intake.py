@@ -5,6 +5,7 @@
 import dataclasses
 import itertools
 import math
+import re
 
 import numpy as np
 import pytest
@@ -117,6 +118,36 @@ def test_observations_that_are_refused_by_themselves_count_where_they_are_the_mo
     judged, taken = updates[-1].estimate.seconds
     assert judged >= FEWEST
     assert bool(updates[-1].disagreements) == (taken < LEAST_TAKEN * judged) == disagrees
+
+
+@pytest.mark.parametrize(("of_ten", "confirmed"), [(0, True), (0.5, True), (2, False)])
+def test_seconds_of_which_many_observations_were_refused_confirm_nothing(
+    model: LoadedModel, of_ten: float, *, confirmed: bool
+) -> None:
+    """Wrong readings now and then are what the gate is for."""
+    drive = drive_observations(model.rover, model.metadata.soils[0], 40.0, seed=11)
+    spoilt = range(5, len(drive), round(10 / of_ten)) if of_ten else ()
+    for k in spoilt:
+        drive[k] = dataclasses.replace(drive[k], velocity=2.0 * drive[k].velocity)
+    estimator = Estimator(model, CoreConfig())
+    last = [estimator.update(each) for each in drive][-1]
+    assert any(last.estimate.identified) == confirmed
+    assert not last.disagreements
+    words = "observations in the last .* seconds of driving were refused by themselves"
+    assert bool(re.search(words, last.unconfirmed)) != confirmed
+
+
+def test_a_pitch_of_the_wrong_sign_is_not_confirmed(model: LoadedModel) -> None:
+    """Of 2400 observations over hills 718 would be IDENTIFIED if refused ones were not counted."""
+    identified = {1.0: 0, -1.0: 0}
+    for seed, sign in itertools.product(range(100, 104), identified):
+        drive = drive_observations(model.rover, model.metadata.soils[0], 60.0, seed=seed)
+        estimator = Estimator(model, CoreConfig())
+        turned = [dataclasses.replace(each, pitch=sign * each.pitch) for each in drive]
+        found = [any(estimator.update(each).estimate.identified) for each in turned]
+        identified[sign] += sum(found)
+    assert identified[1.0] > 1500
+    assert identified[-1.0] < 24, "one of a hundred"
 
 
 def test_ten_observations_refused_by_themselves_are_a_refused_second() -> None:
