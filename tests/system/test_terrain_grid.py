@@ -133,7 +133,11 @@ def test_an_estimate_of_another_model_has_a_point_and_no_cost(
 def test_what_is_wrong_is_named(listener: Listener) -> None:
     with pytest.raises(ConfigError, match="lunar_rover"):
         hosted(listener, model="lunar_rover")
-    with pytest.raises(ConfigError, match=r"rover four_wheel_rover: .* the model .* is for"):
+    with pytest.raises(
+        ConfigError,
+        match=r"rover four_wheel_rover: .* the model .* is for.*"
+        r" train --rover four_wheel_rover --soil loose_sand .* --out models",
+    ):
         hosted(listener, rover="four_wheel_rover")
     with pytest.raises(ConfigError, match=r"grid\.reach"):
         hosted(listener, **{"grid.reach": 60.0})

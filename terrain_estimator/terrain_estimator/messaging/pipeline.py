@@ -369,8 +369,13 @@ def rover_of(metadata: Metadata, name: str) -> Rover:
         different = rover.other_side(metadata.rover)
     if different:
         field, value, wanted = different
+        places = metadata.wheel_places
+        command = (
+            "train" if places is None else f"model_by_wheel --track-width {places.track_width:g}"
+        )
         raise ModelFileError(
             f"rover {name}: {field} is {value}, the model {metadata.model_id} is for"
-            f" {wanted}: train a model for this rover"
+            f" {wanted}: make one for this rover, ros2 run terrain_estimator {command} --rover"
+            f" {name} --soil {' '.join(soil.name for soil in metadata.soils)} --out models"
         )
     return rover
