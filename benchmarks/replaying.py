@@ -4,12 +4,15 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+
+import psutil
 
 from benchmarks import reading
 from benchmarks.drives import long_drive
@@ -22,6 +25,8 @@ BAR = 1000.0
 GROWTH = 1.1
 """[1] Largest ratio of the memory of the long bag to that of the short one."""
 SHORT_S, LONG_S = 600.0, 36000.0
+POLL_S = 0.1
+"""[s] From one look at the memory to the next."""
 
 
 def lines(effort: Effort) -> Iterator[BenchmarkLine]:
@@ -68,12 +73,27 @@ def replayed(bag: Path, output: Path) -> tuple[float, float]:
     """
     command = [sys.executable, "-m", "terrain_estimator.cli.replay", str(bag)]
     command += ["--out", str(output)]
-    log = output.with_suffix(".log")
+    log, largest = output.with_suffix(".log"), 0.0
     with log.open("w") as written:
         process = subprocess.Popen(command, stdout=written, stderr=written)  # noqa: S603
-        _, status, used = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
+        while process.poll() is None:
+            largest = max(largest, _peak(process.pid))
+            time.sleep(POLL_S)
     if process.returncode != 0:
         raise ChildProcessError(log.read_text()[-2000:])
     (run,) = json.loads((output / "summary.json").read_text())["bags"]
-    return float(run["times_real_time"]), used.ru_maxrss / 1024.0
+    return float(run["times_real_time"]), largest
+
+
+def _peak(pid: int) -> float:
+    """Return the largest resident memory [MB] so far of a process or one of its children.
+
+    What ``wait4`` reports holds that of this process, too: it is counted before the command starts.
+    """
+    try:
+        every = [pid, *(child.pid for child in psutil.Process(pid).children(recursive=True))]
+        status = [Path(f"/proc/{each}/status").read_text(encoding="ascii") for each in every]
+    except (OSError, psutil.Error):  # one has just ended
+        return 0.0
+    found = [re.search(r"VmHWM:\s+(\d+) kB", each) for each in status]
+    return max((float(each.group(1)) / 1024.0 for each in found if each), default=0.0)

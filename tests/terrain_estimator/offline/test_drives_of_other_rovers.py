@@ -122,7 +122,7 @@ def test_a_rover_that_no_simulation_takes_over_the_hills_has_no_drive(
     made: Path, name: str
 ) -> None:
     metadata = read_metadata(made / f"{name}.json")
-    giant = dataclasses.replace(metadata.rover, wheel_radius=60.0)
+    giant = dataclasses.replace(metadata.rover, wheel_radius=60.0, axle_x=(90.0, -90.0))
     assert measured_drives(dataclasses.replace(metadata, rover=giant), 3.0) == {}
 
 
