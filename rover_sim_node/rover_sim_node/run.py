@@ -20,6 +20,7 @@ from terramechanics.simulation.sensors import Noise, acceleration_bias, measure,
 from terramechanics.simulation.simulation import start
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import Profile, Ramp, StepProfile
+from terramechanics.terrain.soil import LINEAR_STRESS
 from terramechanics.vehicle.rover import Rover
 
 
@@ -38,6 +39,11 @@ class SimulatedRun:
         self.rover = load_rover(config.rover)
         self.config = config
         self._ground = _ground(config, self.rover.wheel_width)
+        if config.effect and self._ground.law == LINEAR_STRESS:
+            raise ConfigError(
+                f"parameter effect: {config.effect} is not simulated on soils of law"
+                f" {LINEAR_STRESS}: leave it out, or give a soil of another law"
+            )
         self._noise = Noise(factor=config.noise)
         drive, self._sensing = torch.Generator(), torch.Generator()
         # Sensors have a generator of their own, so that their noise does not depend on what the

@@ -5,6 +5,7 @@
 import dataclasses
 import itertools
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
 
 CONFIG = SimulatorConfig(seed=5)
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+LINEAR = str(EXAMPLES / "closed_form" / "linear_stress_loose_sand.yaml")
 
 
 def readings(config: SimulatorConfig, steps: int) -> list[SimulatedReading]:
@@ -258,6 +261,10 @@ def test_another_rate_gives_other_steps() -> None:
         ),
         (SimulatorConfig(effect_size=0.1), "effect_size: 0.1 does nothing without a name"),
         (SimulatorConfig(effect="lateral_bulldozing"), "lateral_bulldozing acts sideways"),
+        (
+            SimulatorConfig(soil=LINEAR, effect="exit_angle", effect_size=0.3),
+            "parameter effect: exit_angle is not simulated on soils of law linear_stress",
+        ),
         (SimulatorConfig(rover="car"), "car: neither one of the rovers"),
         (
             SimulatorConfig(schedule="S9"),

@@ -98,9 +98,8 @@ class Deciding:
     def _balances(self, observation: Observation) -> tuple[str, ...]:
         # less what turns the wheel, which is unknown without its rate
         moments = self.moments if math.isfinite(observation.bogie_angle) else ()
-        if not self.load or math.isnan(
-            observation.sinkage[0]
-        ):  # the other balances are spent on the sinkages
+        # without sinkages the other balances are spent on them
+        if not self.load or math.isnan(observation.sinkage[0]):
             return tuple(row for row in moments if row == ROLL_MOMENT)
         return ("load", *moments)
 
