@@ -152,6 +152,11 @@ def _ground(config: SimulatorConfig, width: float) -> Ground:
     patches = [Patch.of(first.for_wheel(width))]
     if config.change.soil:
         second = load_soil(config.change.soil).for_wheel(width)
+        if second.law != first.law:
+            raise ConfigError(
+                f"parameter change.soil: {second.name} has law {second.law}, {first.name} before it"
+                f" {first.law}: give soils of one law"
+            )
         patches.append(Patch.of(second, config.change.position, config.change.transition))
     return Ground(patches)
 

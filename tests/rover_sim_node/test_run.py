@@ -265,6 +265,10 @@ def test_another_rate_gives_other_steps() -> None:
             SimulatorConfig(soil=LINEAR, effect="exit_angle", effect_size=0.3),
             "parameter effect: exit_angle is not simulated on soils of law linear_stress",
         ),
+        (
+            SimulatorConfig(soil=LINEAR, change=GroundChange(soil="compact_sand")),
+            r"change\.soil: compact_sand has law wong_reece, linear_stress_loose_sand before it",
+        ),
         (SimulatorConfig(rover="car"), "car: neither one of the rovers"),
         (
             SimulatorConfig(schedule="S9"),
