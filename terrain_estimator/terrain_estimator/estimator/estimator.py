@@ -13,6 +13,7 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.configured import as_configured
 from terrain_estimator.estimator.consistency import Consistency, SecondFit, law_in_doubt, limit
+from terrain_estimator.estimator.crossing import wheelbases
 from terrain_estimator.estimator.deciding import Deciding, is_failure, without_rows
 from terrain_estimator.estimator.forecasting import Forecast, Forecasting
 from terrain_estimator.estimator.intake import Intake
@@ -181,6 +182,7 @@ class Estimator:
                     *self._forecasting.model,
                     *moving[1:],
                     *self._forecasting.hindsight,
+                    self._consistency.crossing.way,
                 ]
             ),
             "window": np.array(intake.window, dtype=np.int64).reshape(-1, 3),
@@ -284,7 +286,7 @@ class Estimator:
         state = self._runtime.update(self._state, packed)
         report = self._runtime.report(state)
         refusal = self._refuse(observation, report) or (
-            self._refuse_block(report) if report.closed else None
+            self._refuse_block(observation, report) if report.closed else None
         )
         if refusal is not None:
             return refusal, None
@@ -311,12 +313,14 @@ class Estimator:
             return self._deciding.gated(observation.velocity, report, self._gate)
         return None
 
-    def _refuse_block(self, report: Report) -> Decision | None:
+    def _refuse_block(self, observation: Observation, report: Report) -> Decision | None:
         """Return the reason why the closed block is left out; a lasting contradiction re-opens."""
         self._change = min(report.changed, 1.0)  # rounding
         degrees = int(report.degrees)
         fit = SecondFit(report.misfit, degrees, report.single_misses, report.white_misses)
-        self._consistency.add(fit, self._change)
+        seconds = self._step_s * (self._intake.waiting + 1)
+        way = wheelbases(self._rover, observation.velocity, seconds)
+        self._consistency.add(fit, self._change, way)
         self._judge()
         threshold = limit(self._config.gate_probability, degrees)
         if report.misfit <= threshold:
