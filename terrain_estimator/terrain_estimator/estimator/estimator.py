@@ -183,6 +183,7 @@ class Estimator:
                     *moving[1:],
                     *self._forecasting.hindsight,
                     self._consistency.crossing.way,
+                    self._consistency.crossing.same_way,
                 ]
             ),
             "window": np.array(intake.window, dtype=np.int64).reshape(-1, 3),
@@ -210,7 +211,7 @@ class Estimator:
         )
         found, last, counts = judged(arrays, parts)
         state = runtime.state_of(found)
-        summary = self._summary(state, counts.doubt)
+        summary = self._summary(state, counts.doubt, counts.consistency.crossing.unknown)
         if summary.unsound:
             raise StateFileError(f"the state gives no estimate: {summary.unsound}: {ADVICE}")
         self._state, self._last, self._published = state, last, summary
@@ -319,11 +320,13 @@ class Estimator:
         degrees = int(report.degrees)
         fit = SecondFit(report.misfit, degrees, report.single_misses, report.white_misses)
         seconds = self._step_s * (self._intake.waiting + 1)
-        way = wheelbases(self._rover, observation.velocity, seconds)
+        way = wheelbases(self._rover, observation.velocity, observation.yaw_rate, seconds)
         self._consistency.add(fit, self._change, way)
         self._judge()
         threshold = limit(self._config.gate_probability, degrees)
-        if report.misfit <= threshold:
+        taken = bool(report.misfit <= threshold)
+        self._consistency.crossing.go(self._change if taken else 0.0, way)
+        if taken:
             self._contradictions, self._doubt = 0, 0.0
             return None
         settled = self._discard_block()
@@ -361,15 +364,17 @@ class Estimator:
 
     def _summarise(self) -> None:
         """Publish the present state from the next answer on."""
-        self._published = self._summary(self._state, self._doubt)
+        unknown = self._consistency.crossing.unknown
+        self._published = self._summary(self._state, self._doubt, unknown)
 
-    def _summary(self, state: RuntimeState, doubt: float) -> Summary:
+    def _summary(self, state: RuntimeState, doubt: float, unknown: float) -> Summary:
         """Return what a state says of the ground."""
         return summary_of(
             self._runtime.estimate(state),
             self._runtime.soils(state),
             self._beliefs,
             doubt,
+            unknown,
             named(self._effects, self._runtime.effects(state)) if self._effects else (),
         )
 

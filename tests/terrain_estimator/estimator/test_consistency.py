@@ -324,7 +324,27 @@ def test_a_rover_that_travels_no_way_is_across_after_half_a_minute() -> None:
 def test_the_way_is_that_of_the_wheelbase_forwards_or_backwards() -> None:
     rover = load_rover("mars_rover")
     wheelbase = max(rover.axle_x) - min(rover.axle_x)
-    assert wheelbases(rover, -0.5 * wheelbase, 1.0) == pytest.approx(0.5)
+    assert wheelbases(rover, -0.5 * wheelbase, math.nan, 1.0) == pytest.approx(0.5)
+
+
+def test_a_rover_that_turns_on_the_spot_moves_its_first_axle() -> None:
+    """By half a wheelbase for every radian."""
+    assert wheelbases(load_rover("mars_rover"), 0.0, -0.2, 5.0) == pytest.approx(0.5)
+
+
+def test_ground_that_changed_is_known_after_three_wheelbases_without_a_sign() -> None:
+    """Nothing is until the last axle has crossed; each sign starts that anew."""
+    crossing = Crossing()
+    assert crossing.unknown == 0.0
+    found = []
+    for second in range(40):
+        crossing.go(float(second in {0, 10}), 0.2)
+        found.append(crossing.unknown)
+    assert found[:6] == [1.0] * 6
+    assert found[9] == pytest.approx(0.6)
+    assert found[10:16] == [1.0] * 6
+    assert found[20] == pytest.approx(0.5)
+    assert found[25:] == pytest.approx([0.0] * 15)
 
 
 @pytest.mark.parametrize("period", [8, 12, 20, 30])
