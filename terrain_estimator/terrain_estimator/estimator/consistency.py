@@ -22,8 +22,9 @@ pass that level does not show that the model fits. So seconds that honest noise 
 hundred cases leave the estimate unconfirmed, and no parameter is called identified.
 
 A change of the ground makes seconds misfit, too, until the posterior has followed it. So seconds
-are judged after a delay, and those before an accepted change are forgotten. A model that is wrong
-looks like a ground that changes all the time: only one change in REST seconds is let be.
+are judged after a delay, and those before an accepted change and until all axles have crossed are
+forgotten. A model that is wrong looks like a ground that changes all the time: only one change in
+REST seconds is let be.
 
 The row that is named is the one in which the failed test shows most. It tells where to look, not
 what is wrong: an effect shows in more than one row.
@@ -39,6 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from terrain_estimator.distributions import chi_square_limit, normal_cdf, normal_quantile
+from terrain_estimator.estimator.crossing import Crossing
 from terrain_estimator.estimator.intake import ADVICE
 from terrain_estimator.estimator.recent_seconds import LAGS, RecentSeconds, known, products_of
 from terrain_estimator.observation import Floats
@@ -63,12 +65,6 @@ DELAY = 5
 """[seconds of driving] In which a change of the ground may explain a misfit."""
 REACH = math.sqrt(chi_square_limit(1, LARGEST))
 """[1] A row's innovation counts for no more."""
-CHANGING = 0.5
-"""[1] Probability of a change above which it is accepted."""
-CROSSING = 15
-"""[seconds of driving] From the first sign of a change until the last axle has crossed."""
-REST = 45
-"""[seconds of driving] From one change to the next; an earlier one explains no misfit."""
 LAWS_IN_DOUBT = ("grousers", "slip_sinkage", "sinkage_bias", "rate_dependence", "exit_angle")
 """Named effects with which a model confirms nothing.
 
@@ -141,34 +137,34 @@ class Consistency:
         rows: Sequence[str],
         judged: Iterable[Floats] = (),
         pending: Iterable[Floats] = (),
-        since_change: int = REST,
+        crossing: Crossing | None = None,
     ) -> None:
         """Take the names of the R rows, and seconds in order: those that count, those that wait.
 
-        A second is an array [2 + 2 R], a SecondFit laid end to end. ``since_change`` [seconds of
-        driving] is the time since a change was let be, up to REST.
+        A second is an array [2 + 2 R], a SecondFit laid end to end. ``crossing`` is the last
+        change that was let be; None: no change was.
         """
         self.rows = tuple(rows)
         self._columns = 2 + 2 * len(self.rows)
         self._recent = RecentSeconds(np.reshape([*judged], (-1, self._columns)), max(WINDOWS))
         self.pending = deque(pending, maxlen=DELAY)
-        self.since_change = since_change
+        self.crossing = Crossing() if crossing is None else crossing
 
     @property
     def judged(self) -> Floats:
         """The seconds that count [n, 2 + 2 R]."""
         return self._recent.seconds
 
-    def add(self, fit: SecondFit, changed: float) -> None:
-        """Take a closed second; ``changed`` [1] is the probability of a change around it."""
-        self.since_change = min(self.since_change + 1, REST)
-        if changed > CHANGING:
-            if self.since_change == REST:
-                self.since_change = 0
-            if self.since_change < CROSSING:
-                self._recent = RecentSeconds(self.judged[:0], max(WINDOWS))
-                self.pending.clear()
-                return
+    def add(self, fit: SecondFit, changed: float, way: float) -> None:
+        """Take a closed second.
+
+        ``changed`` [1] is the probability of a change around it, ``way`` [wheelbases] the travel
+        in it.
+        """
+        if self.crossing.explains(changed, way):
+            self._recent = RecentSeconds(self.judged[:0], max(WINDOWS))
+            self.pending.clear()
+            return
         if len(self.pending) == DELAY:
             self._recent.append(self.pending[0])
         # no second counts for more than honest ones hardly ever reach
@@ -182,7 +178,7 @@ class Consistency:
         return {
             "judged": self.judged.copy(),
             "pending": np.reshape([*self.pending], (-1, self._columns)),
-            "since_change": np.array(self.since_change, dtype=np.int64),
+            "since_change": np.array(self.crossing.since_change, dtype=np.int64),
         }
 
     def fits(self) -> tuple[RowFit, ...]:

@@ -13,6 +13,7 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.configured import as_configured
 from terrain_estimator.estimator.consistency import Consistency, SecondFit, law_in_doubt, limit
+from terrain_estimator.estimator.crossing import wheelbases
 from terrain_estimator.estimator.deciding import Deciding, is_failure, without_rows
 from terrain_estimator.estimator.forecasting import Forecast, Forecasting
 from terrain_estimator.estimator.intake import Intake
@@ -181,6 +182,8 @@ class Estimator:
                     *self._forecasting.model,
                     *moving[1:],
                     *self._forecasting.hindsight,
+                    self._consistency.crossing.way,
+                    self._consistency.crossing.same_way,
                 ]
             ),
             "window": np.array(intake.window, dtype=np.int64).reshape(-1, 3),
@@ -208,7 +211,7 @@ class Estimator:
         )
         found, last, counts = judged(arrays, parts)
         state = runtime.state_of(found)
-        summary = self._summary(state, counts.doubt)
+        summary = self._summary(state, counts.doubt, counts.consistency.crossing.unknown)
         if summary.unsound:
             raise StateFileError(f"the state gives no estimate: {summary.unsound}: {ADVICE}")
         self._state, self._last, self._published = state, last, summary
@@ -284,7 +287,7 @@ class Estimator:
         state = self._runtime.update(self._state, packed)
         report = self._runtime.report(state)
         refusal = self._refuse(observation, report) or (
-            self._refuse_block(report) if report.closed else None
+            self._refuse_block(observation, report) if report.closed else None
         )
         if refusal is not None:
             return refusal, None
@@ -311,15 +314,19 @@ class Estimator:
             return self._deciding.gated(observation.velocity, report, self._gate)
         return None
 
-    def _refuse_block(self, report: Report) -> Decision | None:
+    def _refuse_block(self, observation: Observation, report: Report) -> Decision | None:
         """Return the reason why the closed block is left out; a lasting contradiction re-opens."""
         self._change = min(report.changed, 1.0)  # rounding
         degrees = int(report.degrees)
         fit = SecondFit(report.misfit, degrees, report.single_misses, report.white_misses)
-        self._consistency.add(fit, self._change)
+        seconds = self._step_s * (self._intake.waiting + 1)
+        way = wheelbases(self._rover, observation.velocity, observation.yaw_rate, seconds)
+        self._consistency.add(fit, self._change, way)
         self._judge()
         threshold = limit(self._config.gate_probability, degrees)
-        if report.misfit <= threshold:
+        taken = bool(report.misfit <= threshold)
+        self._consistency.crossing.go(self._change if taken else 0.0, way)
+        if taken:
             self._contradictions, self._doubt = 0, 0.0
             return None
         settled = self._discard_block()
@@ -357,15 +364,17 @@ class Estimator:
 
     def _summarise(self) -> None:
         """Publish the present state from the next answer on."""
-        self._published = self._summary(self._state, self._doubt)
+        unknown = self._consistency.crossing.unknown
+        self._published = self._summary(self._state, self._doubt, unknown)
 
-    def _summary(self, state: RuntimeState, doubt: float) -> Summary:
+    def _summary(self, state: RuntimeState, doubt: float, unknown: float) -> Summary:
         """Return what a state says of the ground."""
         return summary_of(
             self._runtime.estimate(state),
             self._runtime.soils(state),
             self._beliefs,
             doubt,
+            unknown,
             named(self._effects, self._runtime.effects(state)) if self._effects else (),
         )
 

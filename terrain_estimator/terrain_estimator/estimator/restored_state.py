@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from terrain_estimator.distributions import log_normal_cdf
-from terrain_estimator.estimator.consistency import DELAY, REACH, REST, WINDOWS, Consistency
+from terrain_estimator.estimator.consistency import DELAY, REACH, WINDOWS, Consistency
+from terrain_estimator.estimator.crossing import KNOWN, REST, SETTLED, Crossing
 from terrain_estimator.estimator.forecasting import (
     LARGEST_DISTANCE,
     Forecast,
@@ -107,6 +108,8 @@ _NUMBERS = (
     ("past_square", 0.0, _LARGEST),
     ("past_change", 0.0, 4.0 * FASTEST**2 / MEMORY),
     ("past_weight", 0.0, 1.0 / MEMORY),
+    ("way", 0.0, SETTLED),
+    ("same_way", 0.0, KNOWN),
 )
 """The arrays ``counts`` and ``numbers``: name, least and largest value of each."""
 
@@ -215,13 +218,13 @@ def _counted(arrays: Arrays, rows: Sequence[str], block: int) -> Counts:
                 raise _refused(name, f"{value:g}", f"not within {least:g} to {most:g}")
         found += values
     stamp_ns, used, waiting, contradictions, moving_ns, alone = map(int, found[: len(_COUNTS)])
-    used_s, waiting_s, change, doubt, *forecasts = found[len(_COUNTS) :]
+    used_s, waiting_s, change, doubt, *forecasts, way, same_way = found[len(_COUNTS) :]
     intake = Intake(_closed(arrays, block), alone)
     consistency = Consistency(
         rows,
         _fits(arrays, "judged", max(WINDOWS), len(rows)),
         _fits(arrays, "pending", DELAY, len(rows)),
-        _since_change(arrays),
+        Crossing(_since_change(arrays), way, same_way),
     )
     intake.used, intake.waiting = used, waiting
     intake.time_used_s, intake.time_waiting_s = used_s, waiting_s

@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-VERSION = 4
+VERSION = 5
 _FORMAT = "terrain_estimator state"
 _BEGINNING = json.dumps({"format": _FORMAT}).removesuffix("}").encode()
 BEGINNING_SIZE = len(_BEGINNING)

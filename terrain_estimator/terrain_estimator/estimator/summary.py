@@ -75,14 +75,16 @@ def summary_of(
     soil_probability: Sequence[float],
     beliefs: Beliefs,
     doubt: float,
+    unknown: float,
     effects: tuple[NamedEffect, ...],
 ) -> Summary:
     """Return the summary of a posterior, with NaN where its numbers give none.
 
     ``moments`` [3, 2] are mean and covariance of (c [Pa], tan phi); ``doubt`` as in
-    :func:`inflated`.
+    :func:`inflated`, ``unknown`` as in :func:`changing`.
     """
-    mean, covariance = inflated(moments[0], moments[1:], beliefs, doubt)
+    covariance = changing(moments[0], moments[1:], beliefs, unknown)
+    mean, covariance = inflated(moments[0], covariance, beliefs, doubt)
     soils = tuple([min(probability, 1.0) for probability in soil_probability])
     estimate = summarise(mean, covariance, beliefs, soils)
     if effects:
@@ -104,6 +106,19 @@ def _condition(covariance: Floats) -> float:
     spread = deviation(cohesion * friction)
     correlation = abs(shared) / spread if spread > 0.0 else math.nan
     return (1.0 + correlation) / max(1.0 - correlation, sys.float_info.epsilon)
+
+
+def changing(mean: Floats, covariance: Floats, beliefs: Beliefs, unknown: float) -> Floats:
+    """Return the covariance of (c, tan phi) about ``mean`` on ground that may go on changing.
+
+    The share ``unknown`` [1] of a deviation that holds the prior's mean and spread is added.
+    """
+    if unknown == 0.0:
+        return covariance
+    with np.errstate(all="ignore"):
+        shift = beliefs.prior_mean - mean
+        added: Floats = np.diag(beliefs.prior_sd**2) + np.outer(shift, shift)
+        return covariance + unknown**2 * added
 
 
 def inflated(

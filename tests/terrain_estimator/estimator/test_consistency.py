@@ -10,14 +10,11 @@ import pytest
 from scipy.stats import chi2, norm
 
 from terrain_estimator.estimator.consistency import (
-    CHANGING,
-    CROSSING,
     DELAY,
     DOUBTFUL,
     FALSE_ALARM,
     FEWEST,
     LARGEST,
-    REST,
     WINDOWS,
     Consistency,
     SecondFit,
@@ -25,15 +22,19 @@ from terrain_estimator.estimator.consistency import (
     memory_limit,
     normal_limit,
 )
+from terrain_estimator.estimator.crossing import CHANGING, LONGEST, REST, Crossing, wheelbases
 from terrain_estimator.estimator.recent_seconds import LAGS
 from terrain_estimator.model.row_names import row_names
 from terrain_estimator.observation import Floats
 from terrain_estimator.update import Disagreement
+from terramechanics.presets import load_rover
 from tests.samples import sampled
 
 DEGREES = 7
 ROWS = row_names(3)
 NO_ROWS = np.full(len(ROWS), np.nan)
+WAY = 0.125
+"""[wheelbases] Travel in a second; the last axle crosses eight seconds after the first."""
 
 
 def fit_of(misfit: float) -> SecondFit:
@@ -50,7 +51,7 @@ def after(misfits: list[float], changed: float = 0.0) -> Consistency:
     """Return the test after seconds with these misfits."""
     consistency = Consistency(ROWS)
     for misfit in misfits:
-        consistency.add(fit_of(misfit), changed)
+        consistency.add(fit_of(misfit), changed, WAY)
     return consistency
 
 
@@ -58,7 +59,7 @@ def after_rows(whites: Floats) -> Consistency:
     """Return the test after seconds with these innovations [n, R]."""
     consistency = Consistency(ROWS)
     for white in whites:
-        consistency.add(with_rows(white), 0.0)
+        consistency.add(with_rows(white), 0.0, WAY)
     return consistency
 
 
@@ -76,7 +77,7 @@ def first_alarm(seconds: Iterable[SecondFit]) -> int:
     """Return the number of seconds at the first disagreement, 0 where there is none."""
     consistency = Consistency(ROWS)
     for number, each in enumerate(seconds, start=1):
-        consistency.add(each, 0.0)
+        consistency.add(each, 0.0, WAY)
         if disagreements(consistency):
             return number
     return 0
@@ -142,7 +143,7 @@ def test_honest_seconds_are_seldom_doubted() -> None:
     """Ten tests of half a percent each in every second; neighbours share most of theirs."""
     consistency, doubted, number = Consistency(ROWS), 0, sampled(6_000, 36_000)
     for white in np.random.default_rng(10).standard_normal((number, len(ROWS))):
-        consistency.add(with_rows(white), 0.0)
+        consistency.add(with_rows(white), 0.0, WAY)
         doubted += bool(doubt(consistency))
     assert DOUBTFUL < doubted / number < 16 * DOUBTFUL
 
@@ -242,7 +243,7 @@ def test_rows_that_are_missing_now_and_then_are_left_out() -> None:
         for white in whites:
             present = np.isfinite(white)
             size = float(np.nansum(white**2))
-            consistency.add(SecondFit(size, int(present.sum()), white, white), 0.0)
+            consistency.add(SecondFit(size, int(present.sum()), white, white), 0.0, WAY)
         doubted += bool(doubt(consistency))
     assert doubted <= 6  # of 40; 6 % are expected, 6 or fewer with a probability of 98 %
 
@@ -250,12 +251,12 @@ def test_rows_that_are_missing_now_and_then_are_left_out() -> None:
 def test_after_a_change_of_the_ground_the_fit_has_to_be_confirmed_anew() -> None:
     consistency = after([6.0] * 100)
     assert not doubt(consistency)
-    consistency.add(fit_of(30.0), CHANGING + 0.1)
+    consistency.add(fit_of(30.0), CHANGING + 0.1, WAY)
     waited = 0
     while doubt(consistency):
-        consistency.add(fit_of(6.0), 0.0)
+        consistency.add(fit_of(6.0), 0.0, WAY)
         waited += 1
-    assert waited == WINDOWS[0] + DELAY
+    assert waited == 7 + WINDOWS[0] + DELAY, "after the last axle crossed"
 
 
 def test_one_second_however_wrong_is_no_disagreement() -> None:
@@ -267,56 +268,107 @@ def test_one_second_however_wrong_is_no_disagreement() -> None:
 def test_seconds_before_a_change_of_the_ground_are_forgotten() -> None:
     wrong = after([30.0] * 30)
     assert disagreements(wrong)
-    wrong.add(fit_of(30.0), CHANGING + 0.1)
+    wrong.add(fit_of(30.0), CHANGING + 0.1, WAY)
     assert not disagreements(wrong)
     for _ in range(100):
-        wrong.add(fit_of(6.0), CHANGING - 0.1)
+        wrong.add(fit_of(6.0), CHANGING - 0.1, WAY)
         assert not disagreements(wrong)
 
 
 def test_a_change_within_the_delay_comes_before_a_disagreement() -> None:
     consistency = after([6.0] * 100)
     for _ in range(DELAY):
-        consistency.add(fit_of(1e3), 0.0)
+        consistency.add(fit_of(1e3), 0.0, WAY)
         assert not disagreements(consistency)
-    consistency.add(fit_of(1e3), 1.0)
+    consistency.add(fit_of(1e3), 1.0, WAY)
     for _ in range(100):
-        consistency.add(fit_of(6.0), 0.0)
+        consistency.add(fit_of(6.0), 0.0, WAY)
         assert not disagreements(consistency)
 
 
-def test_a_change_explains_a_misfit_while_the_axles_cross_and_then_for_a_while_none_does() -> None:
+def test_seconds_count_again_when_the_last_axle_has_crossed() -> None:
+    """The change is accepted for a second, then the axles stand on two grounds, then all fits."""
     consistency = after([6.0] * 100)
-    for _ in range(CROSSING):
-        consistency.add(fit_of(1e3), 1.0)
+    consistency.add(fit_of(1e3), 1.0, WAY)
+    for _ in range(7):
+        consistency.add(fit_of(1e3), 0.0, WAY)
+    for _ in range(100):
+        consistency.add(fit_of(6.0), 0.0, WAY)
         assert not disagreements(consistency)
-    for _ in range(WINDOWS[0] + DELAY):
-        consistency.add(fit_of(1e3), 1.0)
-    assert disagreements(consistency)
+
+
+def test_a_misfit_that_goes_on_behind_the_border_disagrees() -> None:
+    consistency, first = after([6.0] * 100), 0
+    consistency.add(fit_of(1e3), 1.0, WAY)
+    for second in range(2, 60):
+        consistency.add(fit_of(1e3), 0.0, WAY)
+        if disagreements(consistency) and not first:
+            first = second
+    assert first == 8 + DELAY + WINDOWS[0]
+
+
+def test_the_last_axle_may_show_the_change_again() -> None:
+    """It forgets the seconds of the second wheelbase, too; then none does."""
+    crossing = Crossing()
+    explained = [crossing.explains(float(second in {0, 11, 17}), WAY) for second in range(40)]
+    assert [second for second, each in enumerate(explained) if each] == [*range(8), 11]
+
+
+def test_a_rover_that_travels_no_way_is_across_after_half_a_minute() -> None:
+    crossing = Crossing()
+    assert [crossing.explains(1.0, 0.0) for _ in range(REST)] == [
+        second < LONGEST for second in range(REST)
+    ]
+
+
+def test_the_way_is_that_of_the_wheelbase_forwards_or_backwards() -> None:
+    rover = load_rover("mars_rover")
+    wheelbase = max(rover.axle_x) - min(rover.axle_x)
+    assert wheelbases(rover, -0.5 * wheelbase, math.nan, 1.0) == pytest.approx(0.5)
+
+
+def test_a_rover_that_turns_on_the_spot_moves_its_first_axle() -> None:
+    """By half a wheelbase for every radian."""
+    assert wheelbases(load_rover("mars_rover"), 0.0, -0.2, 5.0) == pytest.approx(0.5)
+
+
+def test_ground_that_changed_is_known_after_three_wheelbases_without_a_sign() -> None:
+    """Nothing is until the last axle has crossed; each sign starts that anew."""
+    crossing = Crossing()
+    assert crossing.unknown == 0.0
+    found = []
+    for second in range(40):
+        crossing.go(float(second in {0, 10}), 0.2)
+        found.append(crossing.unknown)
+    assert found[:6] == [1.0] * 6
+    assert found[9] == pytest.approx(0.6)
+    assert found[10:16] == [1.0] * 6
+    assert found[20] == pytest.approx(0.5)
+    assert found[25:] == pytest.approx([0.0] * 15)
 
 
 @pytest.mark.parametrize("period", [8, 12, 20, 30])
 def test_a_ground_that_changes_all_the_time_is_a_wrong_model(period: int) -> None:
     consistency, found = Consistency(ROWS), 0
     for second in range(120):
-        consistency.add(fit_of(20.0), float(second % period < 4))
+        consistency.add(fit_of(20.0), float(second % period < 4), WAY)
         found += bool(disagreements(consistency))
     assert found > 30
 
 
-def test_a_change_explains_fifteen_seconds_from_its_first_sign() -> None:
-    """Then five wait, so that ten judged ones need thirty in all."""
+def test_a_change_that_never_ends_explains_two_wheelbases() -> None:
+    """Then five seconds wait, so that ten judged ones need 31 in all."""
     consistency, first = after([6.0] * 100), 0
     for second in range(1, 60):
-        consistency.add(fit_of(1e3), 1.0)
+        consistency.add(fit_of(1e3), 1.0, WAY)
         if disagreements(consistency) and not first:
             first = second
-    assert first == 15 + 5 + 10
+    assert first == 16 + 5 + 10
 
 
 def test_a_change_that_is_as_probable_as_not_explains_nothing() -> None:
     consistency = after([30.0] * 30)
-    consistency.add(fit_of(30.0), CHANGING)
+    consistency.add(fit_of(30.0), CHANGING, WAY)
     assert disagreements(consistency)
 
 
@@ -324,18 +376,22 @@ def test_one_change_in_a_while_is_none() -> None:
     consistency = Consistency(ROWS)
     for second in range(1, 400):
         crossing = second % (REST + 5) < 8
-        consistency.add(fit_of(40.0 if crossing else 6.0), float(crossing))
+        consistency.add(fit_of(40.0 if crossing else 6.0), float(crossing), WAY)
         assert not disagreements(consistency)
 
 
 def test_what_is_kept_is_bounded_and_enough_to_go_on() -> None:
     drawn = np.random.default_rng(9).standard_normal((400, len(ROWS)))
     whole = after_rows(drawn)
-    assert (len(whole.judged), len(whole.pending), whole.since_change) == (300, DELAY, REST)
+    assert (len(whole.judged), len(whole.pending), whole.crossing.since_change) == (
+        300,
+        DELAY,
+        REST,
+    )
     part = after_rows(drawn[:350])
-    on = Consistency(ROWS, part.judged, part.pending, part.since_change)
+    on = Consistency(ROWS, part.judged, part.pending, part.crossing)
     for white in drawn[350:]:
-        on.add(with_rows(white), 0.0)
+        on.add(with_rows(white), 0.0, WAY)
     assert on.judge() == whole.judge()
     for name, kept in on.arrays().items():
         np.testing.assert_array_equal(kept, whole.arrays()[name])

@@ -117,6 +117,16 @@ def full(value: float) -> Callable[[np.ndarray], np.ndarray]:
         ("window", lambda array: np.tile(array, (61, 1)), "window is missing or has another shape"),
         ("since_change", lambda array: array + 99, "since_change is 144, not within 0 to 45"),
         ("since_change", lambda _: np.zeros(2), "since_change is missing or has another shape"),
+        (
+            "numbers",
+            lambda array: array + 1.0 * np.eye(len(array))[17],
+            "way is 3, not within 0 to 2",
+        ),
+        (
+            "numbers",
+            lambda array: array + 1.0 * np.eye(len(array))[18],
+            "same_way is 4, not within 0 to 3",
+        ),
         ("judged", lambda _: np.zeros((301, 2)), "judged is missing or has another shape"),
         ("pending", lambda _: np.zeros(2), "pending is missing or has another shape"),
         ("judged", lambda _: np.zeros((301, 18)), "judged is missing or has another shape"),

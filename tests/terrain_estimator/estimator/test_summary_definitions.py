@@ -16,6 +16,7 @@ from terrain_estimator.estimator.summary import (
     IDENTIFIED_VARIANCE,
     MOST_CORRELATED,
     Beliefs,
+    changing,
     definite,
     inflated,
     summarise,
@@ -68,6 +69,21 @@ def test_doubt_mixes_the_posterior_with_the_prior(doubt: float) -> None:
     np.testing.assert_allclose(mean, first, rtol=1e-12)
     expected = second - np.outer(first, first)
     np.testing.assert_allclose(covariance, expected, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("unknown", [0.0, 0.3, 1.0])
+def test_ground_that_may_go_on_changing_is_as_uncertain_as_the_prior_about_the_mean(
+    unknown: float,
+) -> None:
+    """By E[(x - mean)(x - mean)'] of the prior, of which a share of the deviation is added."""
+    found = changing(MEAN, COVARIANCE, BELIEFS, unknown)
+    draws = np.random.default_rng(3).normal(BELIEFS.prior_mean, BELIEFS.prior_sd, (400_000, 2))
+    expected = COVARIANCE + unknown**2 * np.mean([np.outer(x, x) for x in draws - MEAN], 0)
+    scale = np.sqrt(np.diag(expected))
+    # 400000 draws: a deviation of 0.002 of the scale
+    np.testing.assert_allclose(
+        found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.012
+    )
 
 
 @given(
