@@ -22,7 +22,7 @@ from tests.hidden.judge.strata import Batch, batches, field_batches, rover_batch
 
 FROZEN = "befa0b6e202c572df4b965ff88c2a40817ec6fe3"
 """Commit after which nothing that decides a verdict was changed."""
-ROVER_FROZEN = "befa0b6e202c572df4b965ff88c2a40817ec6fe3"
+ROVER_FROZEN = "81280528e1295a926dee41e80f8b84e52e6973b9"
 """Commit after which nothing that decides a verdict about such cases was changed."""
 PAGE = Path(__file__).parents[3] / "docs" / "hidden.md"
 
