@@ -321,7 +321,11 @@ def test_told_and_untold_are_compared_case_by_case() -> None:
     untold = [each | {"right": False} for each in untold]
     parts = [proportion(2, 2), proportion(0, 2), proportion(0, 2), proportion(2, 2)]
     assert f"| {ROVER_NOTHING} | 2 | {' | '.join(parts)} |" in told_and_untold([*told, *untold])
+    found_there = {"moved": {"mass": [0.5, 0.1]}, "off": {"mass": 1.2}, "stated": {"mass": 2.0}}
+    told[0] |= found_there
+    told[1] |= found_there | {"off": {"mass": 1.6}}
     section = rover([*told, *untold], 205, "1a2b3c4d")
+    assert f"| mass | 0.22 | {proportion(1, 2)} |" in section
     page = joined("# Page\n", None, None, section)
     assert "**3 of the 205 cases are done.**" in page
     assert joined(page, None, None, section) == page

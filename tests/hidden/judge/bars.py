@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bars for verdicts on hidden cases, and the figures reached, with confidence limits."""
 
+import math
 import statistics
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest, bootstrap
 
+from terrain_estimator.intervals import HALF_WIDTH_95
 from tests.hidden.judge.judging import NO_DRIVE, Record
 from tests.hidden.judge.strata import (
     NO_FILE,
@@ -250,6 +252,28 @@ def told_and_untold(records: Sequence[Record]) -> str:
         for holds in (lambda each: each["right"], _wrongly_named):
             cells += [proportion(sum(map(holds, each)), len(both)) for each in sides]
         lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def constants_found(records: Sequence[Record]) -> str:
+    """Return the table of what the search says of the rover's constants, as Markdown.
+
+    Of cases in which nothing is hidden and the constants are within their stated deviations.
+    """
+    errors: dict[str, list[tuple[float, float]]] = defaultdict(list)  # in stated deviations
+    for each in records:
+        if each["family"] == ROVER_NOTHING:
+            for name, (moved, spread) in each.get("moved", {}).items():
+                true = each["off"][name] / each["stated"][name]
+                errors[name].append((true - moved, spread))
+    lines = [
+        "| constant, nothing hidden | error, rms [stated deviations] | 95 % interval holds it |",
+        "|---|---|---|",
+    ]
+    for name, found in errors.items():
+        rms = math.sqrt(sum(error**2 for error, _ in found) / len(found))
+        held = sum(abs(error) <= HALF_WIDTH_95 * spread for error, spread in found)
+        lines.append(f"| {name} | {rms:.2f} | {proportion(held, len(found))} |")
     return "\n".join(lines) + "\n"
 
 

@@ -6,6 +6,7 @@ from docs.provenance import measured
 from tests.hidden.judge.bars import (
     bars,
     conditions,
+    constants_found,
     field_bars,
     outcomes,
     rover_bars,
@@ -106,7 +107,8 @@ def rover(records: list[Record], wanted: int, frozen: str) -> str:
     line = measured("hidden", "--field --rover")
     told = [each for each in records if UNTOLD not in each["family"]]
     head = ROVER.format(measured=line, done=len(told), wanted=wanted, frozen=frozen)
-    tables = [rover_bars(told), told_and_untold(records), outcomes(records)]
+    tables = [rover_bars(told), told_and_untold(records)]
+    tables += [constants_found(told), outcomes(records)]
     return ROVER_HEADING + head + "\n".join(tables)
 
 
