@@ -11,6 +11,7 @@ import torch
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.discovery.evidence.expected import stage
+from terrain_estimator.discovery.evidence.isolability import matrix, signatures, stages_of
 from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.doubted_rows import DoubtedRows, rows_of
@@ -129,6 +130,20 @@ def test_the_proof_compares_a_payload_with_the_mass_as_told() -> None:
     assert proof.gap is not None
     assert proof.gap.after is not None
     assert proof.gap.after < proof.gap.before
+
+
+def test_runs_tell_a_payload_from_nothing_no_further_than_the_mass_is_known() -> None:
+    found_nats = []
+    for sd in (0.0, 1.0, 5.0, 15.0):
+        there = study(0.0, rover_doubt(MARS, {"mass": sd}))
+        with torch.inference_mode():
+            marks = signatures(there, there.doubting(LIBRARY), there.nothing)
+            found_nats.append(matrix(stages_of(there.nothing), marks))
+    payload = [float(each[0, 0]) for each in found_nats]
+    assert payload[0] > payload[1] > payload[2] > payload[3] > 0.0
+    assert payload[3] < 0.25 * payload[0]
+    drag = [float(each[2, 2]) for each in found_nats]
+    assert drag[0] > drag[3] > payload[3]  # on level ground a mass takes up a part of it
 
 
 def test_where_no_deviation_is_stated_everything_is_as_without_the_input() -> None:
