@@ -23,6 +23,7 @@ from tests.hidden.judge.bars import (
     field_bars,
     outcomes,
     proportion,
+    rover_bars,
     told_and_untold,
 )
 from tests.hidden.judge.judging import (
@@ -324,6 +325,10 @@ def test_told_and_untold_are_compared_case_by_case() -> None:
     found_there = {"moved": {"mass": [0.5, 0.1]}, "off": {"mass": 1.2}, "stated": {"mass": 2.0}}
     told[0] |= found_there
     told[1] |= found_there | {"off": {"mass": 1.6}}
+    pointed = {"moved": {"mass": [2.4, 0.3]}, "off": {"mass": 7.0}, "stated": {"mass": 2.0}}
+    beyond = record(ROVER_BEYOND, "mass", "none", key="beyond") | pointed | {"right": False}
+    other_way = beyond | {"off": {"mass": -7.0}, "key": "other"}
+    assert "points at the constant | at least 80% | 1 of 2" in rover_bars([beyond, other_way])
     section = rover([*told, *untold], 205, "1a2b3c4d")
     assert f"| mass | 0.22 | {proportion(1, 2)} |" in section
     page = joined("# Page\n", None, None, section)

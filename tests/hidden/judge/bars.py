@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest, bootstrap
 
+from terrain_estimator.discovery.hypotheses.rover_doubt import NOTABLE
 from terrain_estimator.intervals import HALF_WIDTH_95
 from tests.hidden.judge.judging import NO_DRIVE, Record
 from tests.hidden.judge.strata import (
@@ -213,6 +214,13 @@ def bias_rows(records: Sequence[Record]) -> list[tuple[str, str, str, str]]:
     return rows
 
 
+def _points_at(each: Record) -> bool:
+    """Return whether nothing is named and the constant that is beyond its deviation stands out."""
+    moved, _ = each.get("moved", {}).get(each["plan"], (0.0, 0.0))
+    right_way = moved * each["off"].get(each["plan"], 0.0) > 0.0
+    return not _named(each) and abs(moved) >= NOTABLE and right_way
+
+
 ROVER_SHARES = (
     Share(
         "nothing hidden, constants within their stated deviations: anything named",
@@ -225,6 +233,10 @@ ROVER_SHARES = (
     Share(
         "mass or wheel radius beyond its stated deviation: its name with the true size",
         _family(ROVER_BEYOND), lambda each: each["right"], least=0.8, cases=40,
+    ),
+    Share(
+        "beside the rule: the same, or the page points at the constant",
+        _family(ROVER_BEYOND), lambda each: each["right"] or _points_at(each), least=0.8, cases=40,
     ),
     Share(
         "one effect, exact name: 95 % interval of the size holds that of the nearest named law",
