@@ -39,7 +39,7 @@ PROSE = (
     *(("benchmarks", text) for text in (benchmarks.HEAD, benchmarks.AFTER)),
     *(("faults", text) for text in (faults.MATRIX, million.SECTION, soak.SECTION, fuzz.SECTION)),
     *(("foreign_discovery", text) for text in (foreign_effect.INTRODUCTION, foreign_effect.NAMES)),
-    *(("hidden", text) for text in (hidden.INTRODUCTION, hidden.VERDICTS)),
+    *(("hidden", text) for text in (hidden.INTRODUCTION, hidden.VERDICTS, hidden.ROVER)),
 )
 """Pages, and texts of their commands with fields for what was measured."""
 

@@ -21,6 +21,7 @@ from terramechanics.simulation.sample import TIME_STEP, Drive, Measurement
 from terramechanics.simulation.sensors import Noise, measure_drive, per_wheel
 from terramechanics.simulation.simulation import STUCK_TIME, simulate
 from terramechanics.vehicle.rover import Rover
+from tests.hidden.constants import NAMES, Constants, beyond, by_radius, with_errors
 from tests.hidden.equivalent import equivalent_size
 from tests.hidden.generators import GENERATORS, SCALES, Draw, sizes_of
 from tests.hidden.ground import SOILS, draw_ground, draw_terrain, uniform
@@ -72,13 +73,26 @@ class Plan:
     told: str = ""  # soil that the workflow is told; empty: the true one
     rover: str = ""  # one of ROVERS; empty: the caller's
     between: float = 0.0  # share of the way from ``soil`` to ``told`` at which the ground lies
+    stated: Constants = ()  # deviations of the rover's constants that the workflow may be told
+    off: Constants = ()  # true constants of the rover less those of its file
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of a right verdict; empty for "none", ("unknown",) outside the library."""
         if any(not GENERATORS[name].known for name, _ in self.parts):
             return ("unknown",)
-        return tuple(name for name, _ in self.parts)
+        own = tuple(name for name, _ in self.parts)
+        return (*own, NAMES[self.beyond]) if self.beyond else own
+
+    @property
+    def beyond(self) -> str:
+        """The rover's constant whose error was not stated; empty where every one was."""
+        return beyond(self.stated, self.off)
+
+    @property
+    def file(self) -> Rover | None:
+        """The rover as its file has it; None for the caller's."""
+        return ROVERS[self.rover]() if self.rover else None
 
     @property
     def text(self) -> str:
@@ -118,7 +132,7 @@ class Truth:
 class Case:
     """Five measured drives and the truth about them."""
 
-    rover: Rover
+    rover: Rover  # as its file has it
     drives: list[Measurement]  # [time, wheels] and [time]
     truth: Truth
 
@@ -134,6 +148,7 @@ class Simulated:
     sizes: list[Tensor]  # of each part of the plan: [cases]
     effects: list[Effect]
     axle: Tensor  # [cases]
+    told: Rover  # as its file has it
 
 
 def simulate_cases(
@@ -149,7 +164,8 @@ def simulate_cases(
         torch.Generator().manual_seed(2 * seed),
         torch.Generator().manual_seed(2 * seed + 1),
     )
-    car = ROVERS[plan.rover]() if plan.rover else load_rover(rover)
+    told = plan.file or load_rover(rover)
+    car = with_errors(told, plan.off)
     turns = range(first, first + count)
     soils = [plan.soil or SOILS[k % len(SOILS)] for k in turns]
     terrains = [TERRAINS[k // len(SOILS) % len(TERRAINS)] for k in turns]
@@ -179,7 +195,9 @@ def simulate_cases(
         measured = _with_deviations(measured, measure_drive(car, stated, Noise(), generator))
     if not plan.torque:
         measured = dataclasses.replace(measured, torque=torch.full_like(measured.torque, math.nan))
-    return Simulated(drive, measured, soils, terrains, sizes, effects, axle)
+    if plan.off:
+        measured = by_radius(measured, told.wheel_radius, car.wheel_radius)
+    return Simulated(drive, measured, soils, terrains, sizes, effects, axle, told)
 
 
 def _with_deviations(measured: Measurement, stated: Measurement) -> Measurement:
@@ -218,9 +236,7 @@ def _case(plan: Plan, simulated: Simulated, k: int) -> Case:
         seconds=tuple(float(ends[j]) * TIME_STEP for j in chosen),
         stuck=float(sample.stuck[k * EACH : (k + 1) * EACH, -1].double().mean()),
     )
-    return Case(
-        simulated.drive.rover, [_cut(simulated.measured, j, int(ends[j])) for j in chosen], truth
-    )
+    return Case(simulated.told, [_cut(simulated.measured, j, int(ends[j])) for j in chosen], truth)
 
 
 def drive_ends(drive: Drive, time_step: float = TIME_STEP) -> Tensor:

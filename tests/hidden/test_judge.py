@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A few hidden cases from drive to verdict, and counts of answers; `make hidden` runs hundreds."""
 
+import hashlib
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -10,11 +11,21 @@ from typing import Any
 import pytest
 import torch
 
+from terrain_estimator.discovery.hypotheses.rover_doubt import rover_doubt
 from terramechanics.presets import load_rover, load_soil
 from tests.hidden.cases import ROVERS, Plan, draw_cases, simulate_cases
 from tests.hidden.generators import GENERATORS
 from tests.hidden.ground import SPREAD, draw_ground
-from tests.hidden.judge.bars import bars, conditions, field_bars, outcomes, proportion
+from tests.hidden.judge.__main__ import FROZEN
+from tests.hidden.judge.bars import (
+    bars,
+    conditions,
+    field_bars,
+    outcomes,
+    proportion,
+    rover_bars,
+    told_and_untold,
+)
 from tests.hidden.judge.judging import (
     Record,
     investigated,
@@ -22,18 +33,22 @@ from tests.hidden.judge.judging import (
     right,
     without_drive,
 )
-from tests.hidden.judge.page import FIELD_HEADING, field, joined
+from tests.hidden.judge.page import FIELD_HEADING, field, joined, rover
 from tests.hidden.judge.strata import (
     FIELD_SOILS,
     KNOWN,
     NO_FILE,
     OUTSIDE,
+    ROVER_BEYOND,
+    ROVER_NOTHING,
     SEED,
     TOGETHER,
+    UNTOLD,
     batches,
     families,
     field_batches,
     field_families,
+    rover_batches,
 )
 from tests.hidden.sealing import seal
 
@@ -228,6 +243,98 @@ def test_the_field_is_drawn_from_the_commit_that_froze_the_rule() -> None:
     assert {(batch.plan.rover, batch.plan.soil) for batch in first} == {
         (rover, soil) for rover in ROVERS for soil in FIELD_SOILS
     }
+
+
+def test_what_is_drawn_for_rovers_leaves_the_cases_of_before() -> None:
+    """The digest is that of before there were such rovers: field cases of today's FROZEN."""
+    every = [*field_batches(FROZEN), *batches(whole=False)]
+    words = "\n".join(f"{each.keys} {each.plan.text} {each.seed} {each.first}" for each in every)
+    digest = hashlib.sha256(words.encode()).hexdigest()
+    assert digest == "ed8dc9f7667bcfabdb92086dc639455d3ed834d3ce8eaf2e205101edf3158cb1"
+
+
+def test_rovers_are_off_within_their_stated_deviations_but_for_one_family() -> None:
+    drawn = rover_batches("1a2b3c4d5e")
+    assert drawn == rover_batches("1a2b3c4dffff") != rover_batches("1a2b3c4e5e")
+    assert len({key for batch in drawn for key in batch.keys}) == len(drawn) > 200
+    for batch in drawn:
+        stated, off = dict(batch.plan.stated), dict(batch.plan.off)
+        assert stated.keys() == off.keys() == {"mass", "wheel_radius", "centre_of_mass_x"}
+        far = {name: abs(off[name]) / stated[name] for name in off}
+        beyond = [name for name, share in far.items() if share > 2.5]
+        assert all(share <= 2.5 or 3.0 <= share <= 5.0 for share in far.values())
+        assert len(beyond) == (batch.family == ROVER_BEYOND)
+        assert batch.plan.beyond == "".join(beyond)
+        assert batch.plan.file is not None
+        rover_doubt(batch.plan.file, stated)  # deviations that the search takes
+    untold = rover_batches("1a2b3c4d5e", untold=True)
+    assert [each.plan for each in untold] == [each.plan for each in drawn]
+    assert {each.seed for each in untold} == {each.seed for each in drawn}
+    assert not {key for each in untold for key in each.keys} & {
+        key for each in drawn for key in each.keys
+    }
+
+
+STATED = (("mass", 2.0), ("wheel_radius", 0.0005), ("centre_of_mass_x", 0.01))
+
+
+def off(mass: float, radius: float = 0.0) -> Plan:
+    errors = (("mass", mass), ("wheel_radius", radius), ("centre_of_mass_x", 0.0))
+    return Plan(rover="mars_rover", stated=STATED, off=errors)
+
+
+def test_what_counts_as_right_of_a_rover_that_is_off() -> None:
+    within, beyond = off(4.0), off(-7.0)
+    assert (within.names, beyond.names) == ((), ("payload",))
+    assert off(0.0, 0.002).names == ("odometry_scale",)
+    assert right("none", within)
+    assert not right("wrong name", within)
+    assert right("exact", beyond)
+    assert right("set", beyond)
+    assert not right("exact", beyond, holds=False)
+    assert not right("none", beyond)
+    small, large = (replace(within, parts=(("payload", None),)) for _ in range(2))
+    assert right("none", small, (4.9,))
+    assert not right("none", large, (5.1,))
+    assert right("exact", large, (5.1,))
+    drag = replace(within, parts=(("coulomb_drag", None),))
+    assert not right("none", drag, (0.3,))
+
+
+def test_readings_of_a_rover_that_is_off_are_computed_with_the_radius_of_its_file() -> None:
+    plan = replace(off(-7.0, 0.0013), seconds=5.0, soil="regolith")
+    case, simulated = draw_cases(plan, 1, 3)[0], simulate_cases(plan, 1, 3)
+    assert case.rover == load_rover("mars_rover") == simulated.told
+    assert simulated.drive.rover.mass == 178.0
+    assert simulated.drive.rover.wheel_radius == pytest.approx(0.1313)
+    seen, measured = simulated.drive.seen, simulated.measured
+    slip = 1.0 - seen.velocity.unsqueeze(-1) / (0.13 * seen.wheel_rate)
+    read = measured.slip.view(*slip.shape, -1).mean(-1)
+    assert float((read - slip).mean()) == pytest.approx(0.0, abs=2e-3)
+    assert float((read - seen.slip).mean()) < -5e-3
+
+
+def test_told_and_untold_are_compared_case_by_case() -> None:
+    told = [record(ROVER_NOTHING, "none", "none", key=f"{ROVER_NOTHING}/{k}") for k in range(3)]
+    told = [each | {"right": True} for each in told]
+    name = f"{ROVER_NOTHING}{UNTOLD}"
+    untold = [record(name, "none", "wrong name", key=f"{name}/{k}") for k in range(2)]
+    untold = [each | {"right": False} for each in untold]
+    parts = [proportion(2, 2), proportion(0, 2), proportion(0, 2), proportion(2, 2)]
+    assert f"| {ROVER_NOTHING} | 2 | {' | '.join(parts)} |" in told_and_untold([*told, *untold])
+    found_there = {"moved": {"mass": [0.5, 0.1]}, "off": {"mass": 1.2}, "stated": {"mass": 2.0}}
+    told[0] |= found_there
+    told[1] |= found_there | {"off": {"mass": 1.6}}
+    pointed = {"moved": {"mass": [2.4, 0.3]}, "off": {"mass": 7.0}, "stated": {"mass": 2.0}}
+    beyond = record(ROVER_BEYOND, "mass", "none", key="beyond") | pointed | {"right": False}
+    other_way = beyond | {"off": {"mass": -7.0}, "key": "other"}
+    assert "points at the constant | at least 80% | 1 of 2" in rover_bars([beyond, other_way])
+    section = rover([*told, *untold], 205, "1a2b3c4d")
+    assert f"| mass | 0.22 | {proportion(1, 2)} |" in section
+    page = joined("# Page\n", None, None, section)
+    assert "**3 of the 205 cases are done.**" in page
+    assert joined(page, None, None, section) == page
+    assert joined(page, None, f"{FIELD_HEADING}\nfield\n").endswith(section)
 
 
 def test_a_case_of_the_field_has_its_rover_and_states_other_noise_than_it_has() -> None:

@@ -26,6 +26,7 @@ from terrain_estimator.console.arguments import (
     WORKERS,
     add_search_options,
     command_parser,
+    deviations,
     refuse_twice,
 )
 from terrain_estimator.console.interrupting import interruptible
@@ -38,6 +39,10 @@ from terrain_estimator.discovery.hypotheses.library import (
     Hypothesis,
     singles,
     singles_by_wheel,
+)
+from terrain_estimator.discovery.hypotheses.rover_doubt import (
+    DOUBTABLE,
+    rover_doubt,
 )
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
 from terrain_estimator.discovery.proof.on_request import or_on_request
@@ -133,9 +138,9 @@ def search(options: argparse.Namespace) -> int:
         elif base != rover.name:
             sys.stderr.write(f"find_missing_effect: {_model_note(rover, base)}\n")
         prior = prior_of(base)
-        nominal = nominal_of(rover, soils.first, prior, places)
+        nominal = _in_doubt(nominal_of(rover, soils.first, prior, places), options.rover_sd)
         grounds = {run: nominal_of(rover, soil, prior, places) for run, soil in soils.soils.items()}
-        told_asked = asked(nominal.rover.name, soils, options.seed, reading)
+        told_asked = asked(nominal.rover.name, soils, options.seed, reading) | _stated(nominal)
 
         def identity() -> dict[str, Any]:
             given = {"library": options.library, "take_damaged": options.take_damaged}
@@ -212,6 +217,7 @@ def _answer(
     report: ProgressReport,
 ) -> tuple[Proven, Diagnosis]:
     """Return the finding with the held-out runs counted, and what stands beside it."""
+    hypotheses = study.doubting(hypotheses)
     searched = study, hypotheses, read_thresholds()
     searching = part_of(report.at, 0.0, 0.85)
     finding = (
@@ -248,6 +254,25 @@ def _by_wheel(options: argparse.Namespace) -> list[Hypothesis]:
     return found
 
 
+def _in_doubt(nominal: Nominal, deviations: Mapping[str, float]) -> Nominal:
+    """Return the nominal model with constants of the rover in doubt. Raises ConfigError."""
+    if nominal.places is not None and deviations:
+        raise ConfigError(
+            "--rover-sd: by wheel the rover's constants count as exact: leave it out, or give a"
+            " model by axle"
+        )
+    try:
+        return dataclasses.replace(nominal, doubt=rover_doubt(nominal.rover, deviations))
+    except ConfigError as error:
+        raise ConfigError(f"--rover-sd: {error}") from error
+
+
+def _stated(nominal: Nominal) -> dict[str, Any]:
+    """Return the stated deviations as finding.json has them; nothing for an exact rover file."""
+    deviations = {each.name: each.sd for each in nominal.doubt}
+    return {"rover_sd": deviations} if deviations else {}
+
+
 def _model_note(rover: Rover, base: str) -> str:
     """Return in words which model stands in where none has the rover's name."""
     return (
@@ -282,6 +307,14 @@ def search_parser(name: str = "find_missing_effect") -> argparse.ArgumentParser:
         "--rover",
         default="",
         help=f"name of a rover or path of a rover file (default: parameter rover, else {ROVER})",
+    )
+    parser.add_argument(
+        "--rover-sd",
+        type=deviations,
+        default={},
+        metavar="NAME=SD,...",
+        help="standard deviations of constants of the rover file, in its units, such as"
+        f" mass=2,wheel_radius=0.0005; of {', '.join(DOUBTABLE)} (default: they are exact)",
     )
     parser.add_argument(
         "--model",

@@ -68,6 +68,22 @@ def real(low: float, high: float = math.inf, *, exclusive: bool = False) -> Call
     return read
 
 
+def deviations(text: str) -> dict[str, float]:
+    """Read standard deviations such as ``mass=2,wheel_radius=0.002``, each name once."""
+    found: dict[str, float] = {}
+    for each in text.split(","):
+        name, given, value = (part.strip() for part in each.partition("="))
+        if not (name and given and value):
+            raise ArgumentTypeError(f"{each!r}: give NAME=DEVIATION, several with commas between")
+        if name in found:
+            raise ArgumentTypeError(f"{name} is given twice: leave one out")
+        try:
+            found[name] = float(value)
+        except ValueError as error:
+            raise ArgumentTypeError(f"{name}={value}: {value!r} is no number") from error
+    return found
+
+
 def effects(text: str) -> tuple[str, ...]:
     """Split names at commas, each once."""
     return tuple(dict.fromkeys(name for each in text.split(",") if (name := each.strip())))

@@ -17,6 +17,7 @@ from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.offline.effect_entries import effect_entries
 from terrain_estimator.offline.revised_soils import refuted_content, soils_content
 from terrain_estimator.pages.finding_words import (
+    constant_words,
     doubt_note,
     ground_words,
     not_tried_words,
@@ -36,6 +37,7 @@ def finding_content(
     finding, proof = outcome.finding, outcome.proof
     judgement = finding.judgement
     after = judgement.named[0] if judgement.named else None
+    constants = [each.plain() for each in finding.constants]
     return {
         "verdict": str(judgement.verdict),
         "probabilities": judgement.probabilities,
@@ -54,6 +56,7 @@ def finding_content(
             for each in finding.left[:3]
         ],
         **diagnosis.plain(),
+        **({"rover_constants": constants} if constants else {}),
         "soils": soils_content(outcome),
         "refuted_soils": refuted_content(outcome),
         "soil_proof": _soil_proof(outcome),
@@ -111,6 +114,7 @@ def finding_sentence(outcome: Proven, diagnosis: Diagnosis) -> str:
         _verdict(outcome, diagnosis),
         not_tried_words(not_tried(outcome.finding.judgement, diagnosis)),
         *map(soil_words, [*soils_content(outcome), *refuted_content(outcome)]),
+        *(constant_words(each.plain()) for each in outcome.finding.constants),
         outcome.proof.sentence if outcome.proof else unproven,
         outcome.soil_sentence,
     ]

@@ -75,6 +75,10 @@ def finding_page(finding: Finding, unsealed: Unsealed | None = None) -> str:
         where=_where(finding.get("where") or ()),
         soils=finding.get("soils") or finding.get("refuted_soils") or (),
         as_told=not finding.get("soils"),
+        rover_constants=[
+            {**each, "sentence": say.sentence(say.constant_words(each).removeprefix("rover: "))}
+            for each in finding.get("rover_constants") or ()
+        ],
         soil_proof=say.sentence((finding.get("soil_proof") or {}).get("sentence", "")),
         soil_refuted=say.soil_refuted(finding),
         candidates=listed,

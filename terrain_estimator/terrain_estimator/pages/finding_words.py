@@ -167,6 +167,34 @@ def soil_words(revision: Mapping[str, Any]) -> str:
     return f"soil {revision['soil']} ({runs}): {', '.join(moved) or 'its file fits'}"
 
 
+_CONSTANTS = {
+    "mass": "mass",
+    "wheel_radius": "wheel radius",
+    "wheel_width": "wheel width",
+    "centre_of_mass_x": "centre of mass along the body",
+    "centre_of_mass_height": "height of the centre of mass",
+}
+
+
+def constant_words(constant: Mapping[str, Any]) -> str:
+    """Return in one line how far the runs move a constant of the rover from its file."""
+    name, unit, moved = _CONSTANTS[constant["name"]], constant["unit"], constant["moved"]
+    by = abs(constant["found"] - constant["told"])
+    if constant["notable"]:
+        side, cause = "low" if moved > 0.0 else "high", ""
+        if constant["effect"]:
+            cause = f", or {constant['effect']}{'' if constant['named'] else ' is missing'}"
+        return (
+            f"rover: the file's {name} is {by:.2g} {unit} too {side}, {abs(moved):.1f} of its"
+            f" stated deviations{cause}"
+        )
+    return (
+        f"rover: {name} {constant['found']:.4g} +- {constant['found_sd']:.2g} {unit}, told"
+        f" {constant['told']:.4g} +- {constant['told_sd']:.2g}: moved by {moved:+.1f} stated"
+        " deviations"
+    )
+
+
 def soil_refuted(finding: Mapping[str, Any]) -> bool:
     """Return whether held-out runs contradict the revised constants."""
     return (finding.get("soil_proof") or {}).get("holds") is False

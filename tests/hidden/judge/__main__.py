@@ -15,13 +15,15 @@ from pathlib import Path
 
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.offline.cluster import ClusterError, cluster
-from tests.hidden.judge.bars import bars, field_bars
+from tests.hidden.judge.bars import bars, field_bars, told_and_untold
 from tests.hidden.judge.judging import Record, examine
-from tests.hidden.judge.page import field, joined, page
-from tests.hidden.judge.strata import Batch, batches, field_batches
+from tests.hidden.judge.page import field, joined, page, rover
+from tests.hidden.judge.strata import Batch, batches, field_batches, rover_batches
 
 FROZEN = "befa0b6e202c572df4b965ff88c2a40817ec6fe3"
 """Commit after which nothing that decides a verdict was changed."""
+ROVER_FROZEN = "81280528e1295a926dee41e80f8b84e52e6973b9"
+"""Commit after which nothing that decides a verdict about such cases was changed."""
 PAGE = Path(__file__).parents[3] / "docs" / "hidden.md"
 
 
@@ -34,9 +36,13 @@ def main() -> int:
     path: Path = options.out / "cases.jsonl"
     options.out.mkdir(parents=True, exist_ok=True)
     found = _kept(path)
-    chosen = field_batches(options.frozen) if options.field else batches(whole=options.full)
+    chosen = _chosen(options)
     known = {each["key"] for each in found}
-    missing = [batch for batch in chosen if not known.issuperset(batch.keys)]
+    missing = [
+        batch
+        for batch in chosen
+        if batch.family.startswith(options.family) and not known.issuperset(batch.keys)
+    ]
     try:
         found += _examined(missing, path, options)
     except ClusterError as error:
@@ -45,14 +51,33 @@ def main() -> int:
     wanted = [key for batch in chosen for key in batch.keys]
     records = [each for each in found if each["key"] in wanted]
     text = options.page.read_text(encoding="utf-8") if options.page.exists() else ""
-    if options.field:
+    if options.rover:
+        every = [*records, *_others(found, options)]
+        text = joined(text, None, None, rover(every, len(wanted), options.rover_frozen))
+        table = told_and_untold(every)
+    elif options.field:
         text = joined(text, None, field(records, len(wanted), options.frozen))
+        table = field_bars(records)
     else:
         text = joined(text, page(records, len(wanted)), None)
+        table = bars(records)
     options.page.write_text(text, encoding="utf-8")
-    table = field_bars(records) if options.field else bars(records)
     sys.stdout.write(f"{table}\n{options.page}: {len(records)} of {len(wanted)} cases\n")
     return 0
+
+
+def _chosen(options: argparse.Namespace) -> list[Batch]:
+    """Return the cases that the options ask for."""
+    if options.rover:
+        return rover_batches(options.rover_frozen, untold=options.untold)
+    return field_batches(options.frozen) if options.field else batches(whole=options.full)
+
+
+def _others(found: list[Record], options: argparse.Namespace) -> list[Record]:
+    """Return the records of the rover's cases with the deviations, or without where asked with."""
+    others = rover_batches(options.rover_frozen, untold=not options.untold)
+    keys = {key for batch in others for key in batch.keys}
+    return [each for each in found if each["key"] in keys]
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -69,6 +94,24 @@ def _parser() -> argparse.ArgumentParser:
         "--frozen",
         default=FROZEN,
         help="commit that froze the rule, the seed of those cases (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--rover",
+        action="store_true",
+        help="with --field: the cases whose rover is not that of its file",
+    )
+    parser.add_argument(
+        "--untold",
+        action="store_true",
+        help="with --rover: do not tell the search the deviations of the rover's constants",
+    )
+    parser.add_argument(
+        "--rover-frozen",
+        default=ROVER_FROZEN,
+        help="commit that froze the rule for --rover, the seed of its cases (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--family", default="", help="examine only families whose names begin so (default: all)"
     )
     parser.add_argument(
         "--minutes",

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bars for verdicts on hidden cases, and the figures reached, with confidence limits."""
 
+import math
 import statistics
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
@@ -10,8 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest, bootstrap
 
+from terrain_estimator.discovery.hypotheses.rover_doubt import NOTABLE
+from terrain_estimator.intervals import HALF_WIDTH_95
 from tests.hidden.judge.judging import NO_DRIVE, Record
-from tests.hidden.judge.strata import NO_FILE
+from tests.hidden.judge.strata import (
+    NO_FILE,
+    ROVER_BEYOND,
+    ROVER_NOTHING,
+    ROVER_ONE,
+    UNTOLD,
+)
 
 CONFIDENCE = 0.95
 NAMES = ("exact", "set", "part", "wrong name")
@@ -203,6 +212,85 @@ def bias_rows(records: Sequence[Record]) -> list[tuple[str, str, str, str]]:
             )
         )
     return rows
+
+
+def _points_at(each: Record) -> bool:
+    """Return whether nothing is named and the constant that is beyond its deviation stands out."""
+    moved, _ = each.get("moved", {}).get(each["plan"], (0.0, 0.0))
+    right_way = moved * each["off"].get(each["plan"], 0.0) > 0.0
+    return not _named(each) and abs(moved) >= NOTABLE and right_way
+
+
+ROVER_SHARES = (
+    Share(
+        "nothing hidden, constants within their stated deviations: anything named",
+        _family(ROVER_NOTHING), _named, most=0.05, cases=60,
+    ),
+    Share(
+        "one effect, constants within their stated deviations: right",
+        _family(ROVER_ONE), lambda each: each["right"], least=0.8, cases=80,
+    ),
+    Share(
+        "mass or wheel radius beyond its stated deviation: its name with the true size",
+        _family(ROVER_BEYOND), lambda each: each["right"], least=0.8, cases=40,
+    ),
+    Share(
+        "beside the rule: the same, or the page points at the constant",
+        _family(ROVER_BEYOND), lambda each: each["right"] or _points_at(each), least=0.8, cases=40,
+    ),
+    Share(
+        "one effect, exact name: 95 % interval of the size holds that of the nearest named law",
+        lambda each: each["family"] == ROVER_ONE and each["outcome"] == "exact",
+        _covered, least=0.9, most=0.98, cases=60,
+    ),
+)  # fmt: skip
+
+
+def rover_bars(records: Sequence[Record]) -> str:
+    """Return the table of the bars where the rover is not that of its file, as Markdown."""
+    return _bars([each.row(records) for each in ROVER_SHARES])
+
+
+def told_and_untold(records: Sequence[Record]) -> str:
+    """Return the table of cases that were searched with and without the stated deviations."""
+    keys = {each["key"].replace(UNTOLD, "", 1): each for each in records if UNTOLD in each["key"]}
+    pairs = [(each, keys[each["key"]]) for each in records if each["key"] in keys]
+    columns = ("right, told", "right, untold", "a wrong name, told", "a wrong name, untold")
+    lines = [f"| family | cases in both | {' | '.join(columns)} |", "|---|---|---|---|---|---|"]
+    for family in dict.fromkeys(told["family"] for told, _ in pairs):
+        both = [pair for pair in pairs if pair[0]["family"] == family]
+        cells = [family, str(len(both))]
+        sides = tuple(zip(*both, strict=True))  # told, untold
+        for holds in (lambda each: each["right"], _wrongly_named):
+            cells += [proportion(sum(map(holds, each)), len(both)) for each in sides]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def constants_found(records: Sequence[Record]) -> str:
+    """Return the table of what the search says of the rover's constants, as Markdown.
+
+    Of cases in which nothing is hidden and the constants are within their stated deviations.
+    """
+    errors: dict[str, list[tuple[float, float]]] = defaultdict(list)  # in stated deviations
+    for each in records:
+        if each["family"] == ROVER_NOTHING:
+            for name, (moved, spread) in each.get("moved", {}).items():
+                true = each["off"][name] / each["stated"][name]
+                errors[name].append((true - moved, spread))
+    lines = [
+        "| constant, nothing hidden | error, rms [stated deviations] | 95 % interval holds it |",
+        "|---|---|---|",
+    ]
+    for name, found in errors.items():
+        rms = math.sqrt(sum(error**2 for error, _ in found) / len(found))
+        held = sum(abs(error) <= HALF_WIDTH_95 * spread for error, spread in found)
+        lines.append(f"| {name} | {rms:.2f} | {proportion(held, len(found))} |")
+    return "\n".join(lines) + "\n"
+
+
+def _wrongly_named(each: Record) -> bool:
+    return _named(each) and not each["right"]
 
 
 def bars(records: Sequence[Record]) -> str:

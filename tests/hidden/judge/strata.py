@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from tests.hidden.cases import ROVERS, TERRAINS, Plan
+from tests.hidden.constants import NAMES, draw_constants
 from tests.hidden.generators import GENERATORS
 
 KNOWN = tuple(name for name, effect in GENERATORS.items() if effect.known)
@@ -42,11 +43,12 @@ class Batch:
     seed: int
     first: int  # place of the first of them among soils and terrains
     count: int = TOGETHER
+    untold: bool = False  # whether the deviations of the rover's constants are kept back
 
     @property
     def keys(self) -> list[str]:
         """Keys of the records."""
-        name = "+".join(name for name, _ in self.plan.parts) or "none"
+        name = "+".join(name for name, _ in self.plan.parts) or self.plan.beyond or "none"
         return [f"{self.family}/{name}/{self.seed}/{number}" for number in range(self.count)]
 
 
@@ -126,6 +128,51 @@ def field_batches(frozen: str) -> list[Batch]:
             for plan in plans
         ]
     return _in_step(list(families.values()))
+
+
+ROVER_NOTHING, ROVER_BEYOND = "rover, nothing", "rover, beyond its deviation"
+ROVER_ONE, ROVER_OUTSIDE = "rover, one effect", "rover, outside"
+UNTOLD = " (untold)"
+"""End of a family's name where the deviations of the rover's constants are kept back."""
+
+
+def rover_families() -> dict[str, tuple[list[tuple[Plan, str]], int]]:
+    """Return the families of cases whose rover is not that of its file, and the cases of each plan.
+
+    A plan stands with the constant that is beyond its stated deviation, empty for none.
+    """
+    return {
+        ROVER_NOTHING: ([(Plan(), "")], 60),
+        ROVER_BEYOND: ([(Plan(), name) for name in NAMES], 20),
+        ROVER_ONE: ([(Plan(((name, None),)), "") for name in KNOWN], 6),
+        ROVER_OUTSIDE: ([(Plan(((name, None),)), "") for name in OUTSIDE], 3),
+    }
+
+
+def rover_batches(frozen: str, *, untold: bool = False) -> list[Batch]:
+    """Return the cases whose rover is not that of its file, under the conditions of the field.
+
+    ``frozen`` is the commit that froze their rule; its first eight digits are the seed. ``untold``
+    keeps the deviations back, of the same cases.
+    """
+    seed = int(frozen[:8], 16)
+    drawn = random.Random(seed)
+    families = []
+    for family, (plans, cases) in rover_families().items():
+        found = []
+        for turn in range(cases):
+            for plan, off in plans:
+                there = _condition(plan, drawn, has_file=True)
+                assert there.file is not None
+                stated, errors = draw_constants(there.file, drawn, off)
+                first = drawn.randrange(len(FIELD_SOILS) * len(TERRAINS))
+                drive = replace(there, stated=stated, off=errors)
+                name = f"{family}{UNTOLD}" if untold else family
+                found.append(
+                    Batch(name, drive, seed % 1_000_000_000 + turn, first, 1, untold=untold)
+                )
+        families.append(found)
+    return _in_step(families)
 
 
 def _condition(plan: Plan, drawn: random.Random, *, has_file: bool) -> Plan:

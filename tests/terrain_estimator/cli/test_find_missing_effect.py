@@ -102,9 +102,35 @@ def test_on_a_wrong_soil_the_file_of_the_right_one_is_found_and_its_model_extend
     assert "the file of loose_sand fits better" in report
 
 
+def test_what_the_runs_say_of_constants_of_the_rover_stands_beside_the_verdict(
+    bags: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stated = ["--rover-sd", "mass=2,wheel_radius=0.0005", "--library", "drive_drag,payload"]
+    assert main([*bags[:4], *stated, "--out", str(tmp_path)]) == 0
+    finding = json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))
+    assert [each["name"] for each in finding["effects"]] == ["drive_drag"]
+    assert finding["asked"]["rover_sd"] == {"mass": 2.0, "wheel_radius": 0.0005}
+    mass, radius = finding["rover_constants"]
+    assert (mass["name"], mass["told"], mass["told_sd"], mass["unit"]) == ("mass", 185.0, 2.0, "kg")
+    assert mass["found"] == pytest.approx(185.0 + 2.0 * mass["moved"])
+    assert 0.0 < mass["moved_sd"] <= 1.01
+    assert abs(mass["moved"]) < 2.5
+    assert (radius["name"], radius["effect"], radius["named"]) == (
+        "wheel_radius",
+        "odometry_scale",
+        False,
+    )
+    assert re.search(r"rover: mass 18\d\.?\d* \+- .* kg, told 185 \+- 2", capsys.readouterr().out)
+    report = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert '<h2 id="rover">The rover</h2>' in report
+
+
 @pytest.mark.parametrize(
     ("extra", "said"),
     [
+        (["--rover-sd", "mas=2"], "--rover-sd: 'mas' has no deviation here: did you mean mass?"),
+        (["--rover-sd", "mass=-2"], "--rover-sd: mass=-2 is no deviation: give a number from 0 on"),
+        (["--rover-sd", "wheel_radius=2"], "--rover-sd: wheel_radius=2: constants that are off by"),
         (["--library", "gravity_waves"], "unknown effect 'gravity_waves'"),
         (["--library", "lateral_bulldozing"], "not testable here"),
         (["--soil", "cheese"], "cheese"),
@@ -145,7 +171,16 @@ def test_a_wrong_argument_is_refused_by_name(
 
 
 @pytest.mark.parametrize(
-    "extra", [["--seed", "-1"], ["--seed", str(2**64)], ["--workers", "-2"], ["--workers", "many"]]
+    "extra",
+    [
+        ["--seed", "-1"],
+        ["--seed", str(2**64)],
+        ["--workers", "-2"],
+        ["--workers", "many"],
+        ["--rover-sd", "mass"],
+        ["--rover-sd", "mass=much"],
+        ["--rover-sd", "mass=2,mass=3"],
+    ],
 )
 def test_numbers_that_no_generator_and_no_cluster_take_are_refused_by_name(
     capsys: pytest.CaptureFixture[str], extra: list[str]
@@ -153,7 +188,10 @@ def test_numbers_that_no_generator_and_no_cluster_take_are_refused_by_name(
     with pytest.raises(SystemExit) as ended:
         main(["first", "second", *extra])
     assert ended.value.code == 2
-    assert re.search(f"argument {extra[0]}: '?{extra[1]}'?", capsys.readouterr().err)
+    said = re.escape(extra[1].split(",")[0])
+    assert re.search(
+        f"argument {extra[0]}: '?({said}|mass is given twice)", capsys.readouterr().err
+    )
 
 
 def test_one_run_and_unreadable_runs_are_refused(

@@ -30,16 +30,27 @@ class Stage:
 
     covariance: Tensor  # [B, Q, Q] S
     present: Tensor  # [B, Q] 1 where a row is there
-    own: Tensor  # [B, Q, P] change by the run's own unknowns
+    own: Tensor  # [B, Q, P] change by the run's own unknowns, then by the rover's constants
     precision: Tensor  # [P] of their priors
 
 
-def stage(equations: Equations, unknowns: Unknowns, excess: Tensor) -> Stage:
-    """Return the rows of a fit; ``excess`` [Q] is noise beyond that of the sensors."""
+def stage(
+    equations: Equations, unknowns: Unknowns, excess: Tensor, doubted: int = 0, runs: int = 1
+) -> Stage:
+    """Return the rows of a fit; ``excess`` [Q] is noise beyond that of the sensors.
+
+    The first shared unknowns are those of the ``doubted`` constants of the rover, which all
+    ``runs`` share. They count as each run's own, with priors so wide that one change of all runs
+    has its right price.
+    """
     noise = equations.covariance + torch.diag_embed(excess * equations.present)
-    return Stage(
-        noise, equations.present, own_columns(equations, unknowns), unknowns.prior_moments()[1]
-    )
+    own, precision = own_columns(equations, unknowns), unknowns.prior_moments()[1]
+    if doubted:
+        first = 5 + unknowns.kappa.shape[0]
+        own = torch.cat([own, equations.jacobian[..., first : first + doubted]], -1)
+        shared = torch.full((doubted,), 1.0 / runs, dtype=torch.float64)
+        precision = torch.cat([precision, shared])
+    return Stage(noise, equations.present, own, precision)
 
 
 def own_columns(equations: Equations, unknowns: Unknowns) -> Tensor:

@@ -17,11 +17,12 @@ from torch import Tensor
 
 from terrain_estimator.discovery.evidence.expected import Stage, loss, stage
 from terrain_estimator.discovery.evidence.study import Candidate, Study
+from terrain_estimator.discovery.hypotheses.doubted_rows import rows_of
 from terrain_estimator.discovery.hypotheses.equations import RunEquations
 from terrain_estimator.discovery.hypotheses.library import NOT_BY_WHEEL, NOTHING, Hypothesis
+from terrain_estimator.discovery.hypotheses.rover_doubt import CERTAIN
 from terrain_estimator.discovery.hypotheses.rows import Expansion, Nominal
 from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
-from terrain_estimator.discovery.hypotheses.wheel_rows import rows_of
 from terrain_estimator.discovery.runs import Blocks
 from terramechanics.effects import EFFECTS
 
@@ -139,8 +140,9 @@ def _promise(gram: Tensor, columns: slice) -> float:
 
 def stages_of(around: Candidate) -> list[Stage]:
     """Return the linearised rows of all runs under a candidate."""
+    doubted, runs = len(around.hypothesis.doubt), len(around.fit.equations)
     return [
-        stage(each, unknowns, each.excess)
+        stage(each, unknowns, each.excess, doubted, runs)
         for each, unknowns in zip(around.fit.equations, around.fit.point.runs, strict=True)
     ]
 
@@ -188,14 +190,14 @@ def run_signatures(
     """Return the signatures of hypotheses in one run, with the rows expanded ``around``."""
 
     def rows(hypothesis: Hypothesis, values: tuple[float, ...]) -> Tensor:
-        laws = hypothesis.laws(nominal.rover)
-        return RunEquations(run, rows_of(nominal, run, laws), mask).shortfall(
+        return RunEquations(run, rows_of(nominal, run, hypothesis), mask).shortfall(
             unknowns, values, around
         )
 
     nothing = rows(NOTHING, ())
     found = []
-    for hypothesis in hypotheses:
+    for each in hypotheses:
+        hypothesis = each.doubting(CERTAIN)  # the constants are unknowns of every stage
         values, shared = hypothesis.typical(), hypothesis.shared()
         changes = [nothing - rows(hypothesis, values)]
         for k in range(1, len(values)):

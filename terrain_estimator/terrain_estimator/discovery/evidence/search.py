@@ -90,7 +90,7 @@ def further(
     base, again = (after or study.nothing).fit.log_evidence, []
     known = {each.hypothesis: each.log_evidence - base for each in foreseen}
     known |= {each.hypothesis: each.fit.log_evidence - base for each in found}
-    first = len(after.fit.point.shared) if after else 0
+    first = len((after or study.nothing).fit.point.shared)
     for number, (hypothesis, gain) in enumerate(known.items()):
         progress(number / len(known), hypothesis.label)
         if float(hypothesis.shared().low[first]) < 0.0:
@@ -106,10 +106,9 @@ def _best_multiple(
 ) -> tuple[Tensor, float]:
     """Return the multiple of the typical size that explains most, and its gain [nat]."""
     values = torch.tensor(hypothesis.typical(), dtype=torch.float64)
-    first, already = 0, 0.0
-    if after:
-        first, already = len(after.fit.point.shared), after.fit.given - study.nothing.fit.given
-        values[:first] = after.fit.point.shared
+    before = (after or study.nothing).fit
+    first, already = len(before.point.shared), before.given - study.nothing.fit.given
+    values[:first] = before.point.shared
     high = float(hypothesis.shared().high[first])
     gain = study.predict_at(hypothesis, values, after) - already
     while gain > 0.0 and values[first] < high:
@@ -139,10 +138,12 @@ def members(study: Study, pair: Candidate) -> list[Candidate]:
     A fit that begins with nothing may stop far from the best one, and the pair has found a way
     there: where one of its effects has no size, the other one alone explains as much.
     """
-    found, at = [], 0
+    doubt, shared = study.nominal.doubt, pair.fit.point.shared
+    found, at = [], len(doubt)
     for effect in pair.hypothesis.effects:
-        values = pair.fit.point.shared[at : at + effect.count]
-        alone = study.fit_from(Hypothesis((effect,)), pair.fit.point.with_shared(values))
+        values = torch.cat([shared[: len(doubt)], shared[at : at + effect.count]])
+        hypothesis = Hypothesis((effect,)).doubting(doubt)
+        alone = study.fit_from(hypothesis, pair.fit.point.with_shared(values))
         found.append(study.refine(alone))
         at += effect.count
     return found

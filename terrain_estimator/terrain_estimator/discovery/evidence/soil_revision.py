@@ -22,7 +22,7 @@ from terrain_estimator.discovery.evidence.common_constants import (
 )
 from terrain_estimator.discovery.evidence.soil_starts import best_start
 from terrain_estimator.discovery.evidence.study import Candidate, Study
-from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis
+from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
 from terrain_estimator.discovery.hypotheses.unknowns import Point
 from terramechanics.terrain.soil import CONSTANTS, WONG_REECE, Soil
@@ -110,7 +110,7 @@ def revised_alone(told: Study, enough: float) -> RevisedStudy | None:
     if near is not None and near.gain(near.beside, told) >= enough:
         return near
     start = best_start(told)
-    at = _on(told, NOTHING, start.nominal, start.point)
+    at = _on(told, told.none, start.nominal, start.point)
     fitted = [each for each in (near, revised(told, at.beside, at.study)) if each is not None]
     # a start alone is coarse: the constants that fit better are then none of a soil
     tried = [*fitted, at] if fitted else []
@@ -119,7 +119,7 @@ def revised_alone(told: Study, enough: float) -> RevisedStudy | None:
 
 def _on(told: Study, hypothesis: Hypothesis, nominal: Nominal, point: Point) -> RevisedStudy:
     """Return the study on the soils of ``nominal``, from a point near the fit of a hypothesis."""
-    nothing = point.with_shared(point.shared[:0])
+    nothing = point.with_shared(point.shared[: len(hypothesis.doubt)])
     there = Study(nominal, told.runs, told.mask, told.contributions, nothing)
     beside = there.fit_from(hypothesis, point) if hypothesis.effects else there.nothing
     return RevisedStudy(there, *_revisions(there, told.nominal), beside)

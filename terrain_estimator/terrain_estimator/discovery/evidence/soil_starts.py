@@ -15,7 +15,6 @@ from torch import Tensor
 
 from terrain_estimator.discovery.evidence.fit import Fit, fit
 from terrain_estimator.discovery.evidence.study import Study
-from terrain_estimator.discovery.hypotheses.library import NOTHING
 from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.hypotheses.unknowns import Point
 from terramechanics.contact.laws import contact_law
@@ -65,8 +64,8 @@ def _misfit(study: Study, soil: Soil, found: Fit) -> float:
 def _fitted(study: Study, at: Nominal) -> Fit:
     """Return the fit of the runs' own unknowns on other soils, from the prior's mean."""
     unknown: list[Tensor | None] = [None] * len(study.runs)
-    evaluate, columns = study.evaluate(NOTHING, at), study.no_columns
-    return fit(evaluate, study.prior_mean(), NOTHING.shared(), columns, unknown, most=STEPS)
+    evaluate, columns = study.evaluate(study.none, at), study.no_columns
+    return fit(evaluate, study.prior_mean(), study.none.shared(), columns, unknown, most=STEPS)
 
 
 def _starts(study: Study) -> list[Nominal]:

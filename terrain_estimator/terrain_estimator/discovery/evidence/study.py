@@ -23,7 +23,7 @@ from terrain_estimator.discovery.hypotheses.contributions import (
     here,
 )
 from terrain_estimator.discovery.hypotheses.equations import Equations, Query
-from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis, Shared
+from terrain_estimator.discovery.hypotheses.library import Hypothesis, Shared
 from terrain_estimator.discovery.hypotheses.next_effect import Known, NextEffectTask
 from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.hypotheses.unknowns import Point, start_of
@@ -70,6 +70,7 @@ class Study:
             torch.ones(len(nominal.row_names), dtype=torch.float64) if mask is None else mask
         )
         self.contributions = contributions or here(self.runs)
+        self.none = Hypothesis((), nominal.doubt)  # nothing is missing
         self._plain = no_columns(self.runs)
         self._predicted: dict[tuple[Hypothesis, int], tuple[Candidate | None, Point, float]] = {}
         self.nothing = self._nothing(start or self.prior_mean())
@@ -78,6 +79,13 @@ class Study:
     def soils(self) -> list[Soil]:
         """The soil of each run, as told."""
         return [run.soil or self.nominal.soil for run in self.runs]
+
+    def without(self, candidate: Candidate) -> Candidate:
+        """Return nothing missing where constants are held that effects of a candidate stand for."""
+        none = Hypothesis((), candidate.hypothesis.doubt)
+        if none == self.none:
+            return self.nothing
+        return self.refine(Candidate(none, self.nothing.fit))
 
     def gain(self, candidate: Candidate) -> float:
         """Return the gain [nat] of a candidate over nothing."""
@@ -104,23 +112,29 @@ class Study:
     def prior_mean(self) -> Point:
         """Return the prior's mean, with the velocities of the runs."""
         velocities = [velocities_of(run) for run in self.runs]
-        return start_of(velocities, self.nominal.uncertain.shape[0], self.nominal.prior)
+        start = start_of(velocities, self.nominal.uncertain.shape[0], self.nominal.prior)
+        return start.with_shared(torch.tensor(self.none.start(), dtype=torch.float64))
+
+    def doubting(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Return hypotheses under which the same constants of the rover are in doubt as here."""
+        return [each.doubting(self.nominal.doubt) for each in hypotheses]
 
     def _nothing(self, start: Point) -> Candidate:
         unknown: list[Tensor | None] = [None] * len(self.runs)
-        evaluate, columns = self.evaluate(NOTHING), self._plain.columns
-        first = fit(evaluate, start, NOTHING.shared(), columns, unknown, most=3)
+        evaluate, columns = self.evaluate(self.none), self._plain.columns
+        constants = self.none.shared()
+        first = fit(evaluate, start, constants, columns, unknown, most=3)
         # With columns of the soil constants from nearby an iteration takes a fifth of the time.
         settled = fit(
             evaluate,
             first.point,
-            NOTHING.shared(),
+            constants,
             columns,
             [each.by_constant for each in first.equations],
             most=9,
         )
         return Candidate(
-            NOTHING, fit(evaluate, settled.point, NOTHING.shared(), columns, unknown, most=2)
+            self.none, fit(evaluate, settled.point, constants, columns, unknown, most=2)
         )
 
     def equations_of_nothing(self) -> list[Equations]:
@@ -130,13 +144,14 @@ class Study:
         """
         found = self.nothing.fit
         none = torch.zeros(0, dtype=torch.float64)
+        values, steps = tuple(found.point.shared.tolist()), self.none.shared().step
         queries = [
-            Query(unknowns, (), none, columns, (), before.by_constant, before.around)
+            Query(unknowns, values, none, columns, steps, before.by_constant, before.around)
             for unknowns, columns, before in zip(
                 found.point.runs, self._plain.columns, found.equations, strict=True
             )
         ]
-        return list(self.evaluate(NOTHING)(queries))
+        return list(self.evaluate(self.none)(queries))
 
     def _start(self, hypothesis: Hypothesis, after: Candidate | None) -> Point:
         start = (after or self.nothing).fit.point

@@ -9,10 +9,10 @@ from typing import Protocol, TypeVar
 import torch
 from torch import Tensor
 
+from terrain_estimator.discovery.hypotheses.doubted_rows import rows_of
 from terrain_estimator.discovery.hypotheses.equations import Equations, Query, RunEquations
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.hypotheses.rows import Nominal
-from terrain_estimator.discovery.hypotheses.wheel_rows import rows_of
 from terrain_estimator.discovery.runs import Blocks
 
 Item = TypeVar("Item")
@@ -30,8 +30,7 @@ class ContributionTask:
     @torch.inference_mode()
     def __call__(self, blocks: Blocks, query: Query) -> Equations:
         """Return the equations of a run at a point."""
-        laws = self.hypothesis.laws(self.nominal.rover)
-        rows = rows_of(self.nominal, blocks, laws)
+        rows = rows_of(self.nominal, blocks, self.hypothesis)
         return RunEquations(blocks, rows, self.mask).at(query)
 
 

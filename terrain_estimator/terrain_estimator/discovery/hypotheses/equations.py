@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from terrain_estimator.discovery.hypotheses.doubted_rows import DoubtedRows
 from terrain_estimator.discovery.hypotheses.rows import (
     Changes,
     Expansion,
@@ -162,7 +163,9 @@ def _by_constant(changes: Changes | WheelChanges, average: Averages, error: Tens
 class RunEquations:
     """The equations of one run under one hypothesis, at any point."""
 
-    def __init__(self, blocks: Blocks, rows: HypothesisRows | WheelRows, mask: Tensor) -> None:
+    def __init__(
+        self, blocks: Blocks, rows: HypothesisRows | WheelRows | DoubtedRows, mask: Tensor
+    ) -> None:
         """Take the run and its rows; ``mask`` [R] is 1 for rows that may be used."""
         self._blocks, self._rows, self._mask = blocks, rows, mask
 

@@ -4,13 +4,23 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import torch
 from torch import Tensor
 
 from rover_parameters.records import ConfigError
+from terrain_estimator.discovery.hypotheses.rover_doubt import (
+    CERTAIN,
+    STEP,
+    WITHIN,
+    RoverDoubt,
+    doubts_radius,
+    held,
+    radius_error,
+    rover_with,
+)
 from terramechanics.effects import EFFECTS, describe
 from terramechanics.effects.law import Law
 from terramechanics.effects.simulated import SimulatedEffect
@@ -142,11 +152,12 @@ class LibraryEffect:
 class Hypothesis:
     """Nothing, one effect or several that act together.
 
-    Its values, which a fit moves, are those of its effects, one behind the other: of each the value
-    of its size, then the extra ones.
+    Its values, which a fit moves, are those of the rover's constants in ``doubt``, then those of
+    its effects, one behind the other: of each the value of its size, then the extra ones.
     """
 
     effects: tuple[LibraryEffect, ...]
+    doubt: RoverDoubt = CERTAIN
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -162,14 +173,33 @@ class Hypothesis:
         """Return the laws of the effects on a rover."""
         return [effect.on(rover) for effect in self.effects]
 
+    def doubting(self, doubt: RoverDoubt) -> "Hypothesis":
+        """Return the same with these constants of the rover in doubt.
+
+        Those that an effect of the hypothesis stands for are held as told.
+        """
+        return replace(self, doubt=held(doubt, self.names))
+
+    def rover(self, told: Rover, values: Sequence[float]) -> Rover:
+        """Return the rover of these values, where ``told`` is the one of the file."""
+        return rover_with(told, self.doubt, values[: len(self.doubt)])
+
     def acting(self, values: Sequence[float]) -> list[SimulatedEffect]:
         """Return the effects with these values for a simulation."""
-        rest = iter(values)
+        rest = iter(values[len(self.doubt) :])
         return [effect.acting([next(rest) for _ in range(effect.count)]) for effect in self.effects]
 
-    def plant(self, values: Sequence[float]) -> Plant:
-        """Return a plant with the effects at these values."""
-        return Plant(self.acting(values))
+    def plant(self, values: Sequence[float], told: Rover) -> Plant:
+        """Return a plant for the rover of these values, with the effects.
+
+        Its slip is computed by the radius of ``told``, as that of recorded runs.
+        """
+        effects = self.acting(values)
+        if doubts_radius(self.doubt):
+            scale = LibraryEffect("odometry_scale")
+            wrong = radius_error(told, self.rover(told, values))
+            effects.append(scale.acting([wrong, *(0.0 for _ in scale.law.extra)]))
+        return Plant(effects)
 
     def sizes(
         self, values: Sequence[float], deviations: Sequence[float]
@@ -179,7 +209,7 @@ class Hypothesis:
         The deviation counts that the true law may be another one. ``values`` and ``deviations`` are
         those of the shared unknowns, in the order of :meth:`shared`.
         """
-        found, at = [], 0
+        found, at = [], len(self.doubt)
         for effect in self.effects:
             size = effect.law.size_of(values[at])
             spread = abs(effect.law.slope(values[at])) * deviations[at]
@@ -190,7 +220,10 @@ class Hypothesis:
 
     def shared(self) -> Shared:
         """Return ranges, priors and steps of differences of the values."""
-        bounds: list[tuple[float, float, float, float]] = []  # low, high, deviation, step
+        # low, high, deviation, step
+        bounds: list[tuple[float, float, float, float]] = [(-WITHIN, WITHIN, 1.0, STEP)] * len(
+            self.doubt
+        )
         for effect in self.effects:
             low, high = (effect.law.value_of(end) if end else 0.0 for end in effect.range)
             # Half of a one-sided range is two deviations from its end, as is half of a two-sided
@@ -205,18 +238,21 @@ class Hypothesis:
 
     def typical(self) -> tuple[float, ...]:
         """Return the values of effects of typical size."""
-        return tuple(
-            value
-            for effect in self.effects
-            for value in (
-                effect.law.value_of(TYPICAL[effect.name]),
-                *(0.0 for _ in effect.law.extra),
-            )
+        return (
+            *(0.0 for _ in self.doubt),
+            *(
+                value
+                for effect in self.effects
+                for value in (
+                    effect.law.value_of(TYPICAL[effect.name]),
+                    *(0.0 for _ in effect.law.extra),
+                )
+            ),
         )
 
     def start(self) -> list[float]:
         """Return the values at which a search begins: 0, or a little inside a one-sided range."""
-        values = []
+        values = [0.0 for _ in self.doubt]
         for effect in self.effects:
             low, high = effect.range
             first = effect.law.value_of(_START * high) if low >= 0.0 else 0.0
@@ -270,5 +306,7 @@ def singles_by_wheel(names: tuple[str, ...] = ()) -> list[Hypothesis]:
 
 
 def together(first: Hypothesis, second: Hypothesis) -> Hypothesis:
-    """Return the hypothesis of both at once."""
-    return Hypothesis(first.effects + second.effects)
+    """Return the hypothesis of both at once; both have the same constants in doubt."""
+    pairs = zip(first.doubt, second.doubt, strict=True)
+    doubt = tuple(max(pair, key=lambda each: each.sd) for pair in pairs)  # held by neither
+    return Hypothesis(first.effects + second.effects).doubting(doubt)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import torch
 
+from terrain_estimator.discovery.hypotheses.doubted_rows import rows_of
 from terrain_estimator.discovery.hypotheses.equations import Equations, linear
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.hypotheses.rows import (
@@ -17,7 +18,6 @@ from terrain_estimator.discovery.hypotheses.rows import (
     Nominal,
 )
 from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
-from terrain_estimator.discovery.hypotheses.wheel_rows import rows_of
 from terrain_estimator.discovery.runs import Blocks
 
 
@@ -41,7 +41,7 @@ class NextEffectTask:
     @torch.inference_mode()
     def __call__(self, blocks: Blocks, known: Known) -> Equations:
         """Return the equations of a run with the effect's values, which are 0, as last unknowns."""
-        rows = rows_of(self.nominal, blocks, self.hypothesis.laws(self.nominal.rover))
+        rows = rows_of(self.nominal, blocks, self.hypothesis)
         unknowns, none = known.unknowns, known.equations
         columns = [none.jacobian]
         for k, step in enumerate(self.steps):

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from rover_parameters.records import ConfigError
+from terrain_estimator.discovery.hypotheses.rover_doubt import CERTAIN, RoverDoubt
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.effect_rows import EffectRows, Observed
@@ -63,6 +64,7 @@ class Nominal:
     revised: tuple[tuple[Soil, Soil], ...] = ()
     """Soils as told, and the soils that runs on them have."""
     places: WheelPlaces | None = None  # where wheels are taken one by one; None: by axle
+    doubt: RoverDoubt = CERTAIN  # constants of the rover file that are not exact
 
     @property
     def wheels(self) -> tuple[str, ...]:
@@ -368,7 +370,7 @@ def _frame(packed: Tensor, contact: ContactModel) -> Frame:
     body = contact.geometry
     placed = (body.axle_x, body.centre, body.pivot, body.carried, contact.body_scale)
     parts = (packed, usable_wheels(packed, contact), *placed)
-    key = (contact.gravity, *(_bytes(each) for each in parts))
+    key = (contact.gravity, contact.radius, *(_bytes(each) for each in parts))
     if key not in _FRAMES:
         _FRAMES[key] = frame_of(packed, contact)
         if len(_FRAMES) > FRAMES:

@@ -16,7 +16,6 @@ from torch import Tensor
 
 from terrain_estimator.discovery.hypotheses.rows import (
     Expansion,
-    HypothesisRows,
     LinearizationPoint,
     Nominal,
 )
@@ -139,12 +138,6 @@ class WheelRows:
             target=torch.cat([frame.target[:, :-2], beside], 1),
             used=torch.cat([frame.used[:, :-2], there], 1),
         )
-
-
-def rows_of(nominal: Nominal, blocks: Blocks, laws: Sequence[Law]) -> HypothesisRows | WheelRows:
-    """Return the rows of a run under a hypothesis of these ``laws``, by axle or by wheel."""
-    kind = HypothesisRows if nominal.places is None else WheelRows
-    return kind(nominal, blocks, laws)
 
 
 def _load(physics: PhysicsByWheel, mass: float, added: Tensor, moment: Tensor) -> None:

@@ -27,11 +27,11 @@ from terrain_estimator.discovery.evidence.isolability import (
     table,
 )
 from terrain_estimator.discovery.evidence.study import Candidate, Study
+from terrain_estimator.discovery.hypotheses.doubted_rows import rows_of
 from terrain_estimator.discovery.hypotheses.equations import Equations, Query, RunEquations
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.hypotheses.rows import (
     Expansion,
-    HypothesisRows,
     LinearizationPoint,
     Nominal,
 )
@@ -160,6 +160,7 @@ def _with(
         hypothesis=around.hypothesis,
         shared_values=around.fit.point.shared,
         doubtful=tuple(doubtful),
+        runs=len(study.runs),
     )
     fitted = list(zip(around.fit.point.runs, around.fit.equations, strict=True))
     every = study.contributions(of_run, fitted)
@@ -177,22 +178,23 @@ def _of_run_with(
     hypothesis: Hypothesis,
     shared_values: Tensor,
     doubtful: Sequence[Hypothesis],
+    runs: int,
 ) -> tuple[Stage, list[Signature]]:
     """Return the rows of one run with that signal, and the effects' signatures in it."""
     unknowns, before = fitted
     steps = hypothesis.shared().step
     values = tuple(shared_values[: len(steps)].tolist())
     place = Expansion(torch.nan_to_num(before.around.input_correction), before.around.doubt)
-    laws = hypothesis.laws(nominal.rover)
     point = LinearizationPoint(unknowns.theta, unknowns.kappa, values)
 
-    rows = HypothesisRows(nominal, run, laws).rows(point, place)
+    rows = rows_of(nominal, run, hypothesis).rows(point, place)
     theta = torch.cat([unknowns.theta, torch.ones_like(unknowns.theta[:1])])
     torque = (rows.features[0] @ theta)[:, 2 : 2 + nominal.rover.axles]
     filled = with_signal(run, signal, nominal.rover, torque)
     columns = torch.zeros(len(run.packed), len(mask) + 1, 0, dtype=torch.float64)
     none = torch.zeros(0, dtype=torch.float64)
     query = Query(unknowns, values, none, columns, steps, None, place)
-    equations = RunEquations(filled, HypothesisRows(nominal, filled, laws), mask).at(query)
+    equations = RunEquations(filled, rows_of(nominal, filled, hypothesis), mask).at(query)
     marks = run_signatures(nominal, filled, mask, doubtful, unknowns, place)
-    return stage(equations, unknowns, before.excess), marks
+    there = stage(equations, unknowns, before.excess, len(hypothesis.doubt), runs)
+    return there, marks

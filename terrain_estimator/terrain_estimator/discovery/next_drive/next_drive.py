@@ -23,9 +23,10 @@ from terrain_estimator.discovery.evidence.isolability import (
     stages_of,
 )
 from terrain_estimator.discovery.evidence.study import Candidate, Study, velocities_of
+from terrain_estimator.discovery.hypotheses.doubted_rows import rows_of
 from terrain_estimator.discovery.hypotheses.equations import Query, RunEquations
 from terrain_estimator.discovery.hypotheses.library import TYPICAL, Hypothesis
-from terrain_estimator.discovery.hypotheses.rows import HypothesisRows, Nominal
+from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.next_drive.manoeuvres import MANOEUVRES, SECONDS, Manoeuvre, drive
 from terrain_estimator.discovery.next_drive.missing_signals import (
@@ -159,11 +160,11 @@ def _seen(
         theta, constants, torch.zeros(1, dtype=torch.float64), velocities_of(blocks), nominal.prior
     )
     columns = torch.zeros(blocks.packed.shape[0], len(study.mask) + 1, 0, dtype=torch.float64)
-    query = Query(unknowns, (), torch.zeros(0, dtype=torch.float64), columns, (), None)
-    equations = RunEquations(blocks, HypothesisRows(nominal, blocks, ()), study.mask).at(query)
-    return stage(equations, unknowns, excess), run_signatures(
-        nominal, blocks, study.mask, doubtful, unknowns, equations.around
-    )
+    told, none = tuple(study.none.start()), torch.zeros(0, dtype=torch.float64)
+    query = Query(unknowns, told, none, columns, study.none.shared().step, None)
+    equations = RunEquations(blocks, rows_of(nominal, blocks, study.none), study.mask).at(query)
+    there = stage(equations, unknowns, excess, len(told), len(study.runs))
+    return there, run_signatures(nominal, blocks, study.mask, doubtful, unknowns, equations.around)
 
 
 def advise(

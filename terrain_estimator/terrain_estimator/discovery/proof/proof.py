@@ -197,11 +197,7 @@ def _grounds(study: Study, models: tuple[Model, ...]) -> tuple[GroundEstimate, .
 
 def _fits(study: Study, models: tuple[Model, ...]) -> list[Fit]:
     return [
-        (
-            study.given(model.hypothesis, model.values)
-            if model.hypothesis.effects
-            else study.nothing
-        ).fit
+        (study.given(model.hypothesis, model.values) if len(model.values) else study.nothing).fit
         for model in models
     ]
 
@@ -235,15 +231,18 @@ def prove(
     runs: Sequence[Blocks],
     seed: int = 0,
     contributions: Contributions | None = None,
+    nothing: Candidate | None = None,
 ) -> Proof:
     """Compare ``candidate``, fitted to other runs, with nothing on ``held_out`` runs.
 
-    ``seed`` of resampling, and of the terrains that the noise of the angles allows.
+    ``nothing`` is the fit of "nothing is missing" to those runs, which gives the constants of the
+    rover that are in doubt; None where none is. ``seed`` of resampling, and of the terrains that
+    the noise of the angles allows.
 
     Raises:
         RunError: a run is too short.
     """
-    models = models_of(candidate)
+    models = models_of(candidate, nothing)
     each_run = contributions or here(runs)
     runs_judged = each_run(partial(judged_by, nominal=nominal), [models] * len(runs))
     judged = [half for each in runs_judged for half in each.halves]
@@ -308,14 +307,19 @@ def _rolled(
     return Rolled(gap, tuple(rows), _pictures(axles, judged, windows, driven, rolled[0]))
 
 
-def models_of(candidate: Candidate | None) -> tuple[Model, ...]:
-    """Return the model without an effect, and behind it that with the candidate's."""
+def models_of(candidate: Candidate | None, nothing: Candidate | None = None) -> tuple[Model, ...]:
+    """Return the model without an effect, and behind it that with the candidate's.
+
+    The first one has the rover's constants of the fit ``nothing``, None: those of the file.
+    """
     none = torch.zeros(0, dtype=torch.float64)
-    models: tuple[Model, ...] = (Model(NOTHING, none, none.view(0, 0)),)
-    if candidate is not None:
-        fit = candidate.fit
-        models += (Model(candidate.hypothesis, fit.point.shared, fit.covariance),)
-    return models
+    models = (Model(NOTHING, none, none.view(0, 0)) if nothing is None else _fitted(nothing),)
+    return models if candidate is None else (*models, _fitted(candidate))
+
+
+def _fitted(candidate: Candidate) -> Model:
+    fit = candidate.fit
+    return Model(candidate.hypothesis, fit.point.shared, fit.covariance)
 
 
 def better(gap: Gap | None, step_gap: Gap, likelier: float) -> bool:

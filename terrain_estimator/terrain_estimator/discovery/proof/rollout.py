@@ -24,7 +24,6 @@ from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.rows import PA_PER_UNIT
 from terramechanics.contact.ruts import KnownRuts
 from terramechanics.contact.scm import Rut
-from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.schedules import Command
 from terramechanics.simulation.simulation import Simulation
 from terramechanics.terrain.ground import Ground, Patch
@@ -119,8 +118,9 @@ def simulated(
     generator = torch.Generator().manual_seed(seed)
     values = tuple(model.values.tolist())
     hypothesis = model.hypothesis
-    laws = hypothesis.laws(nominal.rover)
-    clean = [corrected(nominal.rover, laws, values, half.blocks) for half in halves]
+    rover = hypothesis.rover(nominal.rover, values)
+    laws, own = hypothesis.laws(rover), values[len(hypothesis.doubt) :]
+    clean = [corrected(rover, laws, own, half.blocks) for half in halves]
     terrain = _terrain(nominal, windows, clean)
     others = [
         _terrain(
@@ -143,12 +143,13 @@ def simulated(
         torch.cat(grounds),
         _together(terrains),
         torch.cat(starts),
-        hypothesis.plant(values),
+        model,
+        values,
     )
     found = found.view(len(grounds), *windows.measured.values.shape)
     base, changes, by_terrain = torch.split(found, [1, 1 + len(columns), TERRAINS])
     by_size = [
-        _drive(nominal, windows, centre, terrain, start, hypothesis.plant(sizes)).unsqueeze(0)
+        _drive(nominal, windows, centre, terrain, start, model, sizes).unsqueeze(0)
         for sizes in _other_sizes(model)
     ]
     return SimulatedSignals(base[0], torch.cat([changes, *by_size]) - base, by_terrain - base)
@@ -220,10 +221,18 @@ def _drive(
     grounds: Tensor,
     terrain: Sampled,
     start: Tensor,
-    plant: Plant,
+    model: Model,
+    values: tuple[float, ...],
 ) -> Tensor:
-    """Return signals [G W, T - 1, R] on ``grounds`` [G W, 2 + M] from ``start`` [G W] [m/s]."""
-    rover, times = nominal.rover, len(grounds) // len(windows.first)
+    """Return signals [G W, T - 1, R] on ``grounds`` [G W, 2 + M] from ``start`` [G W] [m/s].
+
+    They are those of the ``model`` with these ``values`` of its hypothesis.
+    """
+    hypothesis, times = model.hypothesis, len(grounds) // len(windows.first)
+    rover, plant = (
+        hypothesis.rover(nominal.rover, values),
+        hypothesis.plant(values, nominal.rover),
+    )
     strength = grounds[:, :2].clamp(min=WEAKEST) * torch.tensor(
         [PA_PER_UNIT, 1.0], dtype=torch.float64
     )

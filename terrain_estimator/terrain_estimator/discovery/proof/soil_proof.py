@@ -55,27 +55,31 @@ def prove_soil(
     candidate: Candidate | None,
     runs: Sequence[Blocks],
     proof: Proof,
+    nothing: Candidate,
     seed: int = 0,
     contributions: Contributions | None = None,
 ) -> SoilProof:
     """Compare the soils of ``study`` with those as told on held-out ``runs``.
 
-    ``candidate`` is the named effect, which both have; ``proof`` is that of ``study``.
+    ``candidate`` is the named effect, which both have; ``proof`` is that of ``study``. ``nothing``
+    is the fit of "nothing is missing" on the soils as told, see :func:`prove`.
     """
     each_run = contributions or here(runs)
     likelier = [
-        _log_evidence(nominal, candidate, runs, each_run) for nominal in (told, study.nominal)
+        _log_evidence(nominal, candidate or none, runs, each_run)
+        for nominal, none in ((told, nothing), (study.nominal, study.nothing))
     ]
-    before, after = prove(told, None, runs, seed, contributions).gap, proof.gap
+    before = prove(told, None, runs, seed, contributions, nothing).gap
+    after = proof.gap
     assert before is not None
     assert after is not None  # no soil is revised for rovers that turn
     return SoilProof(before.before, after.before, after.noise_floor, likelier[1] - likelier[0])
 
 
 def _log_evidence(
-    nominal: Nominal, candidate: Candidate | None, runs: Sequence[Blocks], each_run: Contributions
+    nominal: Nominal, candidate: Candidate, runs: Sequence[Blocks], each_run: Contributions
 ) -> float:
-    """Return the log evidence [nat] of runs with a candidate, None for nothing."""
+    """Return the log evidence [nat] of runs with a candidate."""
     models = models_of(candidate)[-1:]
     found = each_run(partial(_evidences, nominal=nominal), [models] * len(runs))
     return sum(each[0] for each in found)
@@ -129,7 +133,8 @@ def proven(
     if not runs:
         return Proven(finding)
     best, there = _named(finding), finding.study(study)
-    proof = prove(there.nominal, best, runs, seed, contributions)
+    nothing = there.without(best) if best else finding.nothing
+    proof = prove(there.nominal, best, runs, seed, contributions, nothing)
     after = settled(finding, proof)
     if finding.soil is None:
         return Proven(after, proof)
@@ -137,7 +142,8 @@ def proven(
         each.told for each in finding.soil.revisions
     ):
         return Proven(after, proof)
-    soil = prove_soil(study.nominal, there, best, runs, proof, seed, contributions)
+    asked = runs, proof, study.nothing, seed, contributions
+    soil = prove_soil(study.nominal, there, best, *asked)
     return Proven(after if soil.holds else _refuted(after), proof, soil)
 
 
@@ -164,7 +170,7 @@ def proven_or_told(
         return finding, outcome
     each_run = contributions or here(runs)
     before, after = (
-        _log_evidence(found.study(study).nominal, _named(found), runs, each_run)
+        _log_evidence(found.study(study).nominal, _named(found) or found.nothing, runs, each_run)
         for found in (finding, told)
     )
     if after <= before:

@@ -6,6 +6,7 @@ import dataclasses
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 
@@ -28,6 +29,12 @@ from terrain_estimator.discovery.evidence.verdict import (
     judge,
 )
 from terrain_estimator.discovery.hypotheses.library import Hypothesis, together
+from terrain_estimator.discovery.hypotheses.rover_doubt import (
+    NOTABLE,
+    STANDS_FOR,
+    RoverConstant,
+    standing_for,
+)
 from terrain_estimator.discovery.leftover.flexible import Column
 from terrain_estimator.discovery.progress import ProgressCallback
 
@@ -39,6 +46,44 @@ class Leftover:
     column: Column
     strength: float  # [1] decrease of the objective: squared standard deviations
     degrees: int  # functions of that signal
+
+
+@dataclass(frozen=True, slots=True)
+class ConstantFound:
+    """A constant of the rover in doubt, and what the runs say of it under the answer."""
+
+    constant: RoverConstant
+    moved: float  # [1] from the file, in stated deviations
+    moved_sd: float  # [1] deviation of that, given the runs
+    effect: str  # that may stand for it, empty for none
+    named: bool  # whether that effect is: then this is the constant for which it stands
+
+    @property
+    def name(self) -> str:
+        """Its key in the rover file."""
+        return self.constant.name
+
+    @property
+    def is_notable(self) -> bool:
+        """Whether the runs move it so far that the file, or what stands for it, is in question."""
+        return abs(self.moved) >= NOTABLE
+
+    def plain(self) -> dict[str, Any]:
+        """Return its entry of finding.json, in the unit of the rover file."""
+        told = self.constant
+        return {
+            "name": told.name,
+            "unit": told.unit,
+            "told": told.told,
+            "told_sd": told.sd,
+            "found": told.at(self.moved),
+            "found_sd": self.moved_sd * told.sd,
+            "moved": self.moved,
+            "moved_sd": self.moved_sd,
+            "effect": self.effect,
+            "named": self.named,
+            "notable": self.is_notable,
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +111,25 @@ class Finding:
         """The best name, or nothing where nothing is missing."""
         nothing = self.judgement.verdict in (Verdict.NONE, Verdict.SOIL)
         return self.nothing if nothing else self.best
+
+    @property
+    def constants(self) -> list[ConstantFound]:
+        """The rover's constants in doubt under the answer; empty where none is."""
+        fit, found = self.answer.fit, []
+        spread = fit.covariance.diagonal().sqrt().tolist()
+        sizes = {name: (size, sd) for name, size, sd in self.answer.sizes}
+        for told, moved, sd in zip(  # the effects' values come behind
+            self.nothing.hypothesis.doubt, fit.point.shared.tolist(), spread, strict=False
+        ):
+            effect = next((name for name, each in STANDS_FOR.items() if each == told.name), "")
+            if effect not in sizes:
+                found.append(ConstantFound(told, moved, sd, effect, named=False))
+                continue
+            size, size_sd = sizes[effect]
+            ends = [standing_for(told, size + k * size_sd) for k in (0.0, -0.5, 0.5)]
+            there, low, high = ((each - told.told) / told.sd for each in ends)
+            found.append(ConstantFound(told, there, abs(high - low), effect, named=True))
+        return found
 
     def candidate(self, hypothesis: Hypothesis) -> Candidate:
         """Return the fit of that hypothesis."""

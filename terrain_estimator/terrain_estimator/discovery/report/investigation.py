@@ -24,6 +24,7 @@ from terrain_estimator.discovery.evidence.verdict import (
     judge,
 )
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
+from terrain_estimator.discovery.hypotheses.rover_doubt import STANDS_FOR, STEP, WITHIN
 from terrain_estimator.discovery.progress import ProgressCallback
 from terrain_estimator.discovery.report.finding import (
     Finding,
@@ -71,7 +72,7 @@ def investigate(
     progress: ProgressCallback,
     soils: Sequence[Soil] = (),
 ) -> Finding:
-    """Search what is missing: effects, another soil, or both.
+    """Search what is missing: effects, another soil, or both; see :func:`or_beyond` for a rover.
 
     Other soils count like an effect and are tried where the best effect leaves something, or where
     constants alone explain more: those of files at hand, ``soils``, then constants that are fitted,
@@ -80,6 +81,18 @@ def investigate(
     found on them and more than a pair of effects promises. Else pairs are tried, and the soils are
     weighed again. A prior without doubt of the constants leaves them.
     """
+    hypotheses = study.doubting(hypotheses)
+    found = _investigated(study, hypotheses, thresholds, progress, soils)
+    return or_beyond(found, study, hypotheses, thresholds)
+
+
+def _investigated(
+    study: Study,
+    hypotheses: Sequence[Hypothesis],
+    thresholds: Thresholds,
+    progress: ProgressCallback,
+    soils: Sequence[Soil],
+) -> Finding:
     single = explain_singly(study, hypotheses, thresholds, part_of(progress, 0.0, 0.2))
     if not _is_in_doubt(study, single, thresholds):
         return complete(study, hypotheses, thresholds, single, part_of(progress, 0.2, 1.0))
@@ -127,9 +140,48 @@ def investigate_as_told(
     ``explained`` [nat] is what other soils explain with what is named on them, over nothing on
     those told: so much is there to be explained.
     """
+    hypotheses = study.doubting(hypotheses)
     single = explain_singly(study, hypotheses, thresholds, part_of(progress, 0.0, 0.4))
     told = complete(study, hypotheses, thresholds, single, part_of(progress, 0.4, 1.0))
-    return _beside_others(told, explained, thresholds)
+    found = _beside_others(told, explained, thresholds)
+    return or_beyond(found, study, hypotheses, thresholds)
+
+
+def or_beyond(
+    found: Finding, study: Study, hypotheses: Sequence[Hypothesis], thresholds: Thresholds
+) -> Finding:
+    """Return the finding, or the effect that stands for a constant beyond its stated deviation.
+
+    Where nothing else is missing and the runs move a constant of the rover to the end of what its
+    deviation allows, its file is wrong or something stands for it. Such an effect is named where
+    with it the runs are ``anything`` likelier than with the constant at that end. That something is
+    there is no question then, so that the size pays nothing for its wide prior. ``study`` is on the
+    soils as told.
+    """
+    if found.judgement.verdict not in (Verdict.NONE, Verdict.SOIL):
+        return found
+    there = found.study(study)
+    names = [name for name, each in STANDS_FOR.items() if each in _at_the_end(there.nothing)]
+    tried = [
+        there.refine(there.explain(each))
+        for each in hypotheses
+        if len(each.names) == 1 and each.names[0] in names
+    ]
+    if not tried:
+        return found
+    best = max(tried, key=lambda each: each.fit.given)
+    if best.fit.given - there.nothing.fit.given < thresholds.anything:
+        return found
+    sure = dict.fromkeys(found.judgement.probabilities, 0.0)
+    judgement = Judgement(Verdict.NAMED, (best.hypothesis,), sure | {best.hypothesis.names[0]: 1.0})
+    others = tuple(each for each in found.candidates if each.hypothesis != best.hypothesis)
+    return dataclasses.replace(found, judgement=judgement, candidates=(best, *others))
+
+
+def _at_the_end(nothing: Candidate) -> list[str]:
+    """Return the constants in doubt that the runs move as far as they may."""
+    moved = zip(nothing.hypothesis.doubt, nothing.fit.point.shared.tolist(), strict=True)
+    return [each.name for each, value in moved if abs(value) > WITHIN - STEP]
 
 
 def _is_in_doubt(study: Study, single: Singles, thresholds: Thresholds) -> bool:
