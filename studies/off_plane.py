@@ -42,6 +42,7 @@ from terramechanics.simulation.body_plant import BodyPlant
 from terramechanics.simulation.sample import TIME_STEP, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.spatial import BodySample, BodySimulation, Plane
+from terramechanics.terrain.field import GroundField
 from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.surface import WAVELENGTHS, Surface, random_waves
 from terramechanics.vehicle.chassis import Chassis
@@ -140,18 +141,20 @@ def simulated(
     shift: tuple[float, float] = (0.0, 0.0),
     surface: Surface | None = None,
     effects: BodyPlant | None = None,
+    field: GroundField | None = None,
 ) -> tuple[list[BodySample], Tensor]:
     """Return the samples of all drives on ground of these ``constants`` [drives, 6].
 
     Also the true strength [drives, 2]. ``lean`` [deg] is the slope across which the rovers drive,
     with their heading kept. Their speed varies by a third. ``shift`` [m] moves the centre of mass
-    ahead and to the left. ``surface`` is what rises above the plane, ``effects`` what is hidden.
+    ahead and to the left. ``surface`` is what rises above the plane, ``effects`` what is hidden,
+    ``field`` how the ground differs from place to place.
     """
     rover = load_rover(kind.rover)
     chassis = Chassis.of(rover, kind.track, kind.yaw_inertia)
     x, y, height = chassis.centre
     chassis = dataclasses.replace(chassis, centre=(x + shift[0], y + shift[1], height))
-    strength = Ground.random_strength(SOIL, DRIVES, generator).patches[0].strength
+    strength = Ground.random_strength(SOIL, len(constants), generator).patches[0].strength
     simulation = BodySimulation(
         chassis,
         constants,
@@ -159,8 +162,9 @@ def simulated(
         Plane(0.0, math.tan(math.radians(lean))),
         surface=surface,
         effects=effects,
+        field=field,
     )
-    drawn = torch.rand(2, DRIVES, generator=generator, dtype=torch.float64)
+    drawn = torch.rand(2, len(strength), generator=generator, dtype=torch.float64)
     frequency, phase = 0.05 + 0.1 * drawn[0], 2.0 * math.pi * drawn[1]
     driven = []
     for step in range(samples):

@@ -18,6 +18,7 @@ from pathlib import Path
 import torch
 
 from rover_parameters.records import ConfigError
+from terrain_estimator.cli.ground_option import ON_VARYING_GROUND, add_ground_variation
 from terrain_estimator.compiled.source import watched_drive
 from terrain_estimator.console.arguments import command_parser, real
 from terrain_estimator.console.interrupting import interruptible
@@ -75,6 +76,7 @@ def main(argv: list[str] | None = None) -> int:
         default=DEFAULT_PRIOR.constants_sd,
         help="relative deviation of each soil constant; 0: exact (default: %(default)s)",
     )
+    add_ground_variation(parser, "wheel")
     parser.add_argument(
         "--torque-gain-sd",
         type=real(0.0, 0.5),
@@ -122,9 +124,11 @@ def write(args: Namespace, rover: Rover) -> Path:
     soils = [load_soil(name) for name in args.soil]
     for soil in soils:
         soil.for_wheel(rover.wheel_width)
-    prior = dataclasses.replace(DEFAULT_PRIOR, constants_sd=args.constants_sd)
+    prior = dataclasses.replace(
+        DEFAULT_PRIOR, constants_sd=args.constants_sd, ground_variation=args.ground_variation
+    )
     model = build_model_by_wheel(rover, places, soils, prior, tuple(filter(None, torque_sd)))
-    name = f"{rover.name}_by_wheel"
+    name = f"{rover.name}_by_wheel{ON_VARYING_GROUND if args.ground_variation else ''}"
     folder = ResultFolder(args.out)
     with folder.renewing(f"{name}.pt", f"{name}.json", f"{name}{DRIVE}") as new:
         nothing_learnt = Training(seed=0, iterations=0, loss=0.0, torch_version=torch.__version__)

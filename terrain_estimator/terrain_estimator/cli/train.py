@@ -18,6 +18,7 @@ from pathlib import Path
 import torch
 
 from rover_parameters.records import ConfigError
+from terrain_estimator.cli.ground_option import ON_VARYING_GROUND, add_ground_variation
 from terrain_estimator.console.arguments import COUNT, SEED, WORKERS, real, whole
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
@@ -51,7 +52,6 @@ _ENDINGS = (".pt", ".json", DRIVE)
 _CHECKED_OBSERVATIONS = 50
 _SMOOTHED = 20  # iterations behind the loss in the metadata
 _LARGEST_CONSTANTS_SD = 0.2  # of the soil's value: beyond it, columns are far from linear
-_LARGEST_VARIATION = 0.3  # beyond it a deviation is no small change of the forces
 _FEW = 1000
 """Number of drives up to which this process draws them alone.
 
@@ -61,7 +61,6 @@ _ELSEWHERE = ("rover", "soil", "out", "curves", "scheduler", "workers")
 """Arguments that name places: they do not change the model, or are the metadata's own fields."""
 _WITH_NET = "_with_net"
 """End of the name of a model that has learnt features."""
-_ON_VARYING_GROUND = "_on_varying_ground"
 """End of the name of a model whose ground is not the same below every axle."""
 _VELOCITY_ALONE = "_velocity_alone"
 """End of the name of a model whose velocity row alone counts."""
@@ -104,7 +103,7 @@ def main(argv: list[str] | None = None) -> int:
         for rover, soil in itertools.product(rovers, soils):
             soil.for_wheel(rover.wheel_width)
         end = _WITH_NET if args.columns else ""
-        end += _ON_VARYING_GROUND if args.ground_variation else ""
+        end += ON_VARYING_GROUND if args.ground_variation else ""
         end += _VELOCITY_ALONE if args.rows == _VELOCITY else ""
         names = [name + end for name in file_names(rovers, soils)]
         models, curves = ResultFolder(args.out), ResultFolder(args.curves)
@@ -299,13 +298,7 @@ def _add_training(parser: argparse.ArgumentParser, recipe: Recipe) -> None:
         default=DEFAULT_PRIOR.constants_sd,
         help="relative deviation of each soil constant; 0: exact",
     )
-    parser.add_argument(
-        "--ground-variation",
-        type=real(0.0, _LARGEST_VARIATION),
-        default=DEFAULT_PRIOR.ground_variation,
-        help="relative deviation of the ground's strength and stiffness from axle to axle; 0: it is"
-        " the same everywhere",
-    )
+    add_ground_variation(parser, "axle")
     parser.add_argument(
         "--rows",
         choices=_ROWS,

@@ -31,7 +31,7 @@ Where all is right it is gate_probability. Single readings of a sensor may be wr
 """
 ADVICE = (
     "check the model, the rover file, the stated standard deviations and the sensors, in this"
-    " order; ground that varies along the way needs a model made with train --ground-variation;"
+    " order; ground that varies along the way needs a model made with --ground-variation;"
     " find_missing_effect names rows and effects from recordings"
 )
 

@@ -90,13 +90,13 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpaca:
         raise ConfigError(
             f"effects {', '.join(names) or '(none)'}: at least one is needed, and each once"
         )
-    if loaded.metadata.wheel_places is not None:
-        return _by_wheel(loaded, loaded.metadata.wheel_places, effects)
     if loaded.metadata.prior.ground_variation:
         raise ConfigError(
-            f"model {loaded.model_id} is for ground that varies (--ground-variation of train);"
+            f"model {loaded.model_id} is for ground that varies (made with --ground-variation);"
             " named effects need one of even ground: give that"
         )
+    if loaded.metadata.wheel_places is not None:
+        return _by_wheel(loaded, loaded.metadata.wheel_places, effects)
     loaded.metadata.refuse_velocity_alone(
         "the velocity alone does not tell a named effect from the ground: give the model of all"
         " rows, made without --rows"

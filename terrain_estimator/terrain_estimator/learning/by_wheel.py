@@ -51,7 +51,9 @@ def build_model_by_wheel(
                 f"soil {soil.name}: a model by wheel knows law {WONG_REECE} alone, not {soil.law}"
             )
     constants = torch.stack([soil.constants() for soil in soils])
-    physics = physics_by_wheel(rover, places, constants, prior.constants_sd)
+    physics = physics_by_wheel(
+        rover, places, constants, prior.constants_sd, ground_variation=prior.ground_variation
+    )
     rows = row_names_by_wheel(len(rover.wheels), len(rover.suspension))
     body_sd = (prior.centre_of_mass_sd, ROLL_BIAS_SD, *torque_sd)
     # has the methods that are called

@@ -65,6 +65,7 @@ from terrain_estimator.model.rows_beside import (
     pulled_beside,
     slopes_beside,
     velocity_beside,
+    weight_of_slopes,
     with_motion,
 )
 from terrain_estimator.model.unmeasured import SMALL as LITTLE
@@ -75,6 +76,7 @@ from terrain_estimator.model.unmeasured_by_wheel import (
     spent_rows,
     without_spent,
 )
+from terrain_estimator.model.varying_ground import ground_sources, with_sources
 from terramechanics.contact.rolling import WheelMotion, rolling_forces
 from terramechanics.numerics.batching import any_of
 from terramechanics.vehicle.wheel_balances import motion_across
@@ -119,6 +121,47 @@ class RollingForces(nn.Module):
         )
 
 
+class EvenGround(nn.Module):
+    """Ground that is the same below all wheels."""
+
+    def forward(
+        self, rows: Rows, frame: Frame, motion: BodyMotion, contact: ContactModel, theta: Tensor
+    ) -> Rows:
+        """Return the ``rows`` of a block as they are."""
+        del frame, motion, contact, theta
+        return rows
+
+
+class GroundByWheel(nn.Module):
+    """Ground that is not the same below every wheel, see ``varying_ground``."""
+
+    axle_x: Tensor
+
+    def __init__(self, axle_x: Tensor, sd: float) -> None:
+        """Take the places ahead of the wheels [W] [m] and the ground's deviation ``sd`` [1]."""
+        super().__init__()
+        self.sd = sd
+        self.register_buffer("axle_x", axle_x)
+
+    def forward(
+        self, rows: Rows, frame: Frame, motion: BodyMotion, contact: ContactModel, theta: Tensor
+    ) -> Rows:
+        """Return the ``rows`` of a block with 3 W sources of noise behind the others.
+
+        ``theta`` [3] is (c [kPa], tan phi, 1); the forces are those of the measured inputs.
+        """
+        at = frame.measured
+        left = motion.lateral.unsqueeze(-1) + motion.yaw_rate.unsqueeze(-1) * self.axle_x
+        moved = WheelMotion(*motion_across(at.slip, motion.rim, motion.steering, left))
+        forces = rolling_forces(
+            moved, at.sinkage, contact.constants, contact.radius, contact.width, contact.nodes
+        )
+        forces = forces * contact.column_unit
+        sources = ground_sources(frame.levers.select(2, 0), forces, theta, self.sd)
+        _, share = block_slopes(at.step)
+        return with_sources(rows, sources * weight_of_slopes(share, rows.target.shape[1]))
+
+
 class PhysicsByWheel(nn.Module):
     """Physics of single wheels.
 
@@ -141,16 +184,20 @@ class PhysicsByWheel(nn.Module):
         rows: Sequence[str],
         axles: list[int],
         forces: nn.Module | None = None,
+        ground_variation: float = 0.0,
     ) -> None:
         """Take the physics with wheels in the place of axles, and what a planar rover lacks.
 
         ``wheel_y`` [W] is in m, ``yaw_inertia`` in kg m^2; ``rows`` are the rows' names and
         ``axles`` the axles of the wheels. ``forces`` is called as :class:`RollingForces`, which it
-        is by default.
+        is by default. ``ground_variation`` [1] is the ground's deviation from wheel to wheel.
         """
         super().__init__()
         self.nominal = nominal
         self.forces = RollingForces() if forces is None else forces
+        self.ground = (
+            GroundByWheel(nominal.axle_x, ground_variation) if ground_variation else EvenGround()
+        )
         self.axles, self.gravity = nominal.axles, nominal.gravity
         self.known_soils, self.uncertain_constants = (
             nominal.known_soils,
@@ -399,6 +446,7 @@ class PhysicsByWheel(nn.Module):
         rows = self.rows(frame, agreed.inputs, contact, agreed.doubt)
         motion = safe_motion(body_motion(frame.measured), frame.usable)
         rows = of_slopes(self.body(), rows, frame, motion, self.nominal.moment_variance)
+        rows = self.ground(rows, frame, motion, contact, theta)
         rows = self.spent_where(missing, rows, theta)
         return self.averaged(rows, frame, learnt, deviations, chosen)
 

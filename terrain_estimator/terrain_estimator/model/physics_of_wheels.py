@@ -18,10 +18,11 @@ def physics_by_wheel(
     constants: Tensor,
     constants_sd: float,
     forces: nn.Module | None = None,
+    ground_variation: float = 0.0,
 ) -> PhysicsByWheel:
     """Return the physics on soils of ``constants`` [K, 6], known to ``constants_sd`` [1].
 
-    ``forces`` as of :class:`PhysicsByWheel`.
+    ``forces`` and ``ground_variation`` as of :class:`PhysicsByWheel`.
     """
     geometry, side = geometry_by_wheel(rover, places.track_width)
     rows = row_names_by_wheel(len(rover.wheels), len(rover.suspension))
@@ -37,4 +38,4 @@ def physics_by_wheel(
     )
     axles = [rover.wheels[k].axle for k in wheel_order(rover)]
     nominal = Physics(body, constants, constants_sd)
-    return PhysicsByWheel(nominal, side, places.yaw_inertia, rows, axles, forces)
+    return PhysicsByWheel(nominal, side, places.yaw_inertia, rows, axles, forces, ground_variation)

@@ -1,21 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Physics on ground that is not the same below every axle.
-
-Real ground changes by some percent within a rover's length. Below an axle c, tan phi and the
-stiffness (k_c and k_phi together) deviate from the ground's mean, each by a relative deviation
-``sd``. With the forces (N, T, M) = c F_c + tan phi F_t + F_1 of the axle, where the normal stress
-makes F_1 and tan phi F_t, three sources of noise of unit variance move them by::
-
-    sd c F_c,    sd tan phi F_t,    sd (tan phi F_t + F_1)
-
-They are taken as independent from axle to axle and from block to block. Within a block they stay,
-while the sources of its n observations count as independent: so each is larger by sqrt(n).
-
-The c and tan phi of these products are those at which the rows are expanded. Noise in proportion to
-the parameters would draw them up: without log det S in the posterior and the evidence
-(``solution_of``), stronger ground would explain every misfit. docs/method.md has figures.
-"""
+"""Physics on ground that is not the same below every axle, see ``varying_ground``."""
 
 import torch
 from torch import Tensor, nn
@@ -24,6 +9,7 @@ from terrain_estimator.model.packing import PackedView
 from terrain_estimator.model.physics import Physics, SoilRows
 from terrain_estimator.model.rows import ContactModel, Rows, balances_of, frame_of, values_alone
 from terrain_estimator.model.unmeasured import lacks_sinkage, with_balanced_sinkage
+from terrain_estimator.model.varying_ground import ground_sources, with_sources
 from terramechanics.contact.stresses import wheel_forces
 from terramechanics.numerics.batching import any_of
 
@@ -89,16 +75,11 @@ class PhysicsOnVaryingGround(nn.Module):
         forces = wheel_forces(
             at.slip, at.sinkage, contact.constants, contact.radius, contact.width, contact.nodes
         )
-        acting = (frame.levers.select(2, 0) @ (forces * contact.column_unit)) * theta
-        by_cohesion, by_friction, by_stress = acting.unbind(-1)
-        moved = torch.cat([by_cohesion, by_friction, by_friction + by_stress], 1).transpose(1, 2)
+        forces = forces * contact.column_unit
+        moved = ground_sources(frame.levers.select(2, 0), forces, theta, self.sd)
         if rows.taken.shape[2] > 0:
             moved = moved - rows.taken @ balances_of(moved, 1, self.axles)
-        deviation = self.sd * torch.full_like(theta[0], packed.shape[0]).sqrt()
-        moved = nn.functional.pad((deviation * moved).unsqueeze(-1), [2, 0]).unsqueeze(0)
-        moved = nn.functional.pad(moved, [0, 0, 0, 0, 0, 0, 0, 0, 0, rows.noise.shape[0] - 1])
-        noise = torch.cat([rows.noise, moved], 3)
-        return Rows(rows.features, noise, rows.target, rows.variance, rows.used, rows.taken)
+        return with_sources(rows, moved)
 
     def reevaluations(self, packed: Tensor) -> int:
         """Return how often the rows of a block [n, P] are evaluated anew at most."""

@@ -85,6 +85,12 @@ def with_motion(
     return Rows(rows.features, noise, rows.target, rows.variance, rows.used, rows.taken)
 
 
+def weight_of_slopes(share: Tensor, rows: int) -> Tensor:
+    """Return the weights [n, R, 1] of R rows, of the last two n b [n] of :func:`block_slopes`."""
+    last = share.unsqueeze(1).expand(-1, 2)
+    return torch.cat([torch.ones_like(last[:, :1]).expand(-1, rows - 2), last], 1).unsqueeze(-1)
+
+
 def of_slopes(
     body: BodyBeside, rows: Rows, frame: Frame, motion: BodyMotion, variance: float
 ) -> Rows:
@@ -107,9 +113,7 @@ def weighted_by(
 ) -> Rows:
     """Return what :func:`of_slopes` does, with n w and n b [n] of :func:`block_slopes` given."""
     view, count = frame.measured, rows.target.shape[1]
-    weight = torch.cat(
-        [torch.ones_like(rows.target[:, : count - 2]), share.unsqueeze(1).expand(-1, 2)], 1
-    )
+    weight = weight_of_slopes(share, count)
     lateral = slope * velocity_beside(body, motion) + share * pulled_beside(body, view, motion)
     turning = slope * motion.yaw_rate * body.yaw_inertia
     target = torch.cat([rows.target[:, : count - 2], lateral.unsqueeze(1), turning.unsqueeze(1)], 1)
@@ -120,12 +124,12 @@ def weighted_by(
         torch.stack([none, by_yaw * body.yaw_inertia, none], 1),
         count,
     )
-    noise = rows.noise * weight[:, :, None, None]
+    noise = rows.noise * weight.unsqueeze(-1)
     banks = frame.measured.slip.shape[1]  # the last sources, of which nothing is read
     read = nn.functional.pad(
         read.unsqueeze(0),
         [0, 0, noise.shape[3] - 3 - banks, banks, 0, 0, 0, 0, 0, noise.shape[0] - 1],
     )
     own = nn.functional.pad(rows.variance[:, : count - 2], [0, 2], value=variance)
-    features = rows.features * weight.unsqueeze(-1)
+    features = rows.features * weight
     return Rows(features, noise - read, target, own, rows.used, rows.taken)

@@ -21,6 +21,8 @@ from terramechanics.contact.stresses import quadrature
 from terramechanics.contact.tracks import Tracks
 from terramechanics.simulation.body_plant import BodyPlant, WheelEffects
 from terramechanics.simulation.sample import SLOWEST, TIME_STEP
+from terramechanics.terrain.field import GroundField, Uniform
+from terramechanics.terrain.soil import CONSTANTS
 from terramechanics.terrain.surface import Level, Surface
 from terramechanics.vehicle.body_step import BodyContacts, BodyStep, solve_body
 from terramechanics.vehicle.chassis import Chassis
@@ -32,6 +34,7 @@ LONG_STEP = 1e3
 """[s] Step in which a drive reaches its steady state."""
 
 _nodes = cache(quadrature)
+_STIFFNESS = [CONSTANTS.index("k_c"), CONSTANTS.index("k_phi")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +111,7 @@ class BodySimulation:
         slowest: float = SLOWEST,
         surface: Surface | None = None,
         effects: BodyPlant | None = None,
+        field: GroundField | None = None,
     ) -> None:
         """Start at rest at the origin, with ``heading`` [batch] [rad], 0 by default.
 
@@ -115,8 +119,9 @@ class BodySimulation:
         nominal model lacks. Raises ConfigError for effects that are not simulated here.
 
         Soil ``constants`` [batch, 6] in the order of CONSTANTS and ``strength`` [batch, 2], c [Pa]
-        and tan(phi), are the same below all wheels. A step lasts ``time_step`` [s]. ``slowest``
-        [m/s] is that of rolling_forces: rovers at rest creep by less than it.
+        and tan(phi), are the mean of the ``field``, by default the same everywhere. A step lasts
+        ``time_step`` [s]. ``slowest`` [m/s] is that of rolling_forces: rovers at rest creep by less
+        than it.
         """
         batch = strength.shape[0]
         chassis = chassis if effects is None else effects.begin(chassis, batch)
@@ -134,6 +139,7 @@ class BodySimulation:
         self.rim = torch.zeros(wheels, dtype=torch.float64)
         self._depth = torch.full(wheels, 0.1 * chassis.wheel_radius, dtype=torch.float64)
         self._surface: Surface = surface or Level()
+        self._field: GroundField = field or Uniform()
         self._attitude = Attitude.flat(chassis, self.position)
         self._gravity = self.plane.gravity(chassis.gravity)
         axes = self._attitude.rotation(self.heading)
@@ -231,10 +237,13 @@ class BodySimulation:
         self._attitude, self._stance = solve_stance(
             self.chassis, self._surface, self.position, self.heading, self._attitude
         )
+        factors = self._field.factors(self._wheel_places())
+        constants = self._constants.clone()
+        constants[..., _STIFFNESS] *= factors[..., 2:]
         step = BodyStep.of(
             self.chassis,
-            self._constants,
-            self._strength,
+            constants,
+            self._strength * factors[..., :2],
             _nodes(POINTS),
             _nodes(COARSE_POINTS),
             self._felt(),

@@ -43,6 +43,15 @@ def test_it_writes_a_model_with_the_given_places_and_the_same_bytes_each_time(
     assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes()
 
 
+def test_a_model_for_ground_that_varies_has_a_name_of_its_own(tmp_path: Path) -> None:
+    options = ["--track-width", "0.57", "--ground-variation", "0.02", "--out", str(tmp_path)]
+    assert main([*SKID, *options]) == 0
+    model = load_model(str(tmp_path / "four_wheel_rover_by_wheel_on_varying_ground.pt"))
+    assert model.metadata.prior.ground_variation == 0.02
+    with pytest.raises(SystemExit):
+        main([*SKID, "--track-width", "0.57", "--ground-variation", "0.5"])
+
+
 def test_a_gain_and_friction_of_the_torques_become_parameters(tmp_path: Path) -> None:
     rover = ["--rover", "four_wheel_rover", "--soil", "loose_sand", "--track-width", "0.57"]
     options = [*rover, "--torque-gain-sd", "0.1", "--out", str(tmp_path)]

@@ -27,6 +27,7 @@ from terrain_estimator.learning.export import export
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.metadata import Training, model_names, model_path
 from terrain_estimator.model.model_file import load_model
+from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terrain_estimator.model.torchscript import running
 from terrain_estimator.observation import Observation
 from terrain_estimator.update import Update
@@ -271,10 +272,14 @@ def _only_beside(path: Path, sha256: str) -> None:
 
 
 def by_wheel(folder: Path, torque_sd: tuple[float, ...] = (0.1,)) -> Path:
-    """Write a model of six free wheels, with a gain of the torques unless there is no deviation."""
+    """Write a model of six free wheels.
+
+    With a deviation, it has a gain of the torques, and ground that varies.
+    """
     rover, soil, path = load_rover("mars_rover"), load_soil("loose_sand"), folder / "by_wheel.pt"
     places = WheelPlaces.of(rover, 1.0, rover.wheel_names)
-    model = build_model_by_wheel(rover, places, [soil], torque_sd=torque_sd)
+    prior = dataclasses.replace(DEFAULT_PRIOR, ground_variation=0.02 if torque_sd else 0.0)
+    model = build_model_by_wheel(rover, places, [soil], prior, torque_sd)
     export(model, rover, [soil], Training(0, 0, 0.0, torch.__version__), path, places)
     return path
 
