@@ -17,7 +17,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-VERSION = 4
+VERSION = 5
+READABLE = (4, VERSION)
+"""Version 4 has no tracks of wheels: a state of it goes on without them."""
 _FORMAT = "terrain_estimator state"
 _BEGINNING = json.dumps({"format": _FORMAT}).removesuffix("}").encode()
 BEGINNING_SIZE = len(_BEGINNING)
@@ -51,7 +53,8 @@ def unpack_state(content: bytes, model_sha256: str, where: str) -> dict[str, NDA
     """Return the arrays of a state file. Raises StateFileError that begins with ``where``."""
     line, _, payload = content.partition(b"\n")
     header = _header(line, where)
-    expected = {"format": _FORMAT, "version": VERSION, "model_sha256": model_sha256}
+    version = header.get("version") if header.get("version") in READABLE else VERSION
+    expected = {"format": _FORMAT, "version": version, "model_sha256": model_sha256}
     advice = "start without it, from the prior"
     for key, value in expected.items():
         if header.get(key) != value:

@@ -21,6 +21,7 @@ from terrain_estimator.discovery.runs import (
     run_of,
 )
 from terrain_estimator.estimator.off_plane import SingleWheels
+from terrain_estimator.estimator.wheel_tracks import WheelTracks
 from terrain_estimator.messaging.averaging import Averager, averaged
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.messaging.pairing import MessageSet, input_synchronizer
@@ -146,6 +147,7 @@ def _observations(
         )
     conversion = reading.config.conversion.of_model(by_wheel=by_wheel)
     converter = Converter(rover, conversion, used, places.steers(rover) if places else ())
+    tracks = WheelTracks(rover, places, used.standstill_speed)
     none = True
     readings = (
         converter.convert(complete.stamp_ns, complete.messages)
@@ -156,11 +158,8 @@ def _observations(
         if converted.observation is None:
             refusals.add(converted.outcome, converted.detail)
         else:
-            yield (
-                converted.observation
-                if used.use_moments
-                else replace(converted.observation, bogie_angle=math.nan)
-            )
+            observation = tracks.undisturbed(converted.observation)
+            yield (observation if used.use_moments else replace(observation, bogie_angle=math.nan))
     if none:
         raise RunError(
             f"no {', '.join(REQUIRED_INPUTS)} have stamps within the parameter pairing_tolerance,"

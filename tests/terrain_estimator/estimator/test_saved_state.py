@@ -161,7 +161,7 @@ DAMAGE: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "a cut file": (lambda c: c[:-100], "is damaged"),
     "an empty file": (lambda _: b"", "first line is no JSON"),
     "a number": (lambda _: b"1\n", "format is None"),
-    "another version": (lambda c: reheaded(c, version=2), "version is 2, expected 4"),
+    "another version": (lambda c: reheaded(c, version=2), "version is 2, expected 5"),
     "another model": (lambda c: reheaded(c, model_sha256="00"), "model_sha256 is '00'"),
     "a first line without end": (lambda _: b"[" * 100_000, "first line is no JSON"),
     "nothing but a header": (lambda c: reheaded(c, b""), "no archive of plain arrays"),
