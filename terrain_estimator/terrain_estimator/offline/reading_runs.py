@@ -29,6 +29,7 @@ from terrain_estimator.model.physics_of_wheels import physics_by_wheel
 from terrain_estimator.observation import Observation
 from terrain_estimator.offline.bag_options import BagOptions
 from terrain_estimator.offline.topic_mapping import TopicError, check_inputs
+from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import INPUT_TYPES, REQUIRED_INPUTS, stamp_ns
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.wheel_places import WheelPlaces
@@ -157,8 +158,11 @@ def _observations(
         none = False
         if converted.observation is None:
             refusals.add(converted.outcome, converted.detail)
+            continue
+        observation = tracks.undisturbed(converted.observation)
+        if tracks.lacks:
+            refusals.add(Outcome.NOT_FINITE, tracks.lacks)
         else:
-            observation = tracks.undisturbed(converted.observation)
             yield (observation if used.use_moments else replace(observation, bogie_angle=math.nan))
     if none:
         raise RunError(
