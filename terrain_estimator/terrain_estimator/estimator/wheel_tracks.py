@@ -120,6 +120,10 @@ class WheelTracks:
             if self._stamp_ns is not None:
                 self.forget()  # what the wheels leave is not followed
             return observation
+        with np.errstate(all="ignore"):  # the screening refuses what is no number afterwards
+            return self._of_undisturbed_ground(observation)
+
+    def _of_undisturbed_ground(self, observation: Observation) -> Observation:
         back_s = 0.0
         if self._stamp_ns is not None:
             back_s = (self._stamp_ns - observation.stamp_ns) * 1e-9
@@ -143,7 +147,7 @@ class WheelTracks:
     def _measured_motion(self, observation: Observation) -> Floats | None:
         """Return velocities ahead and to the left [m/s] and yaw rate [rad/s]; None if unknown.
 
-        A planar rover does not need the last two.
+        A planar rover does not slide aside, and turns only where that is measured.
         """
         rates = observation.wheel_rate
         if bool((np.abs(rates) * self._radius < self._standstill_speed).all()):
@@ -152,7 +156,7 @@ class WheelTracks:
             [observation.velocity, observation.lateral_velocity, observation.yaw_rate]
         )
         if not self._by_wheel:
-            motion[1:][np.isnan(motion[1:])] = 0.0
+            motion[1:] = 0.0, np.nan_to_num(motion[2])
         possible = np.abs(motion) <= (FASTEST, FASTEST, _FASTEST_TURN)
         return motion if bool(possible.all()) else None
 
@@ -163,28 +167,15 @@ class WheelTracks:
         """
         if self._stamp_ns is not None:
             passed_s = (observation.stamp_ns - self._stamp_ns) * 1e-9
-            ahead, left, turn = 0.5 * passed_s * (self._motion + motion)
-            x, y, heading, drift = self._pose.tolist()
-            sine, cosine = math.sin(heading + 0.5 * turn), math.cos(heading + 0.5 * turn)
-            spread = self._reach * _known(observation.yaw_rate_sd)
-            side = math.hypot(_known(observation.lateral_velocity_sd), spread)
-            moves = bool(np.any(self._motion) or np.any(motion))
             before = self._places()
             if bool(turned.any()) and self._since_kept() > self._jitter:
                 self._keep(self._left())  # what wheels leave up to where they turn back
             self._backing = observation.wheel_rate < 0.0
-            self._pose = np.array(
-                [
-                    x + cosine * ahead - sine * left,
-                    y + sine * ahead + cosine * left,
-                    heading + turn,
-                    drift + (passed_s * side) ** 2 * moves,
-                ]
-            )
+            self._pose = self._moved_pose(observation, motion, passed_s)
             rolled = _length(self._places() - before)
             farthest = float(rolled.max())
-            turned = abs(self._pose[2] - self._trails.body[0, 0])
-            followed = self._by_wheel or turned <= _STRAIGHT
+            change = abs(self._pose[2] - self._trails.body[0, 0])
+            followed = self._by_wheel or change <= _STRAIGHT
             if passed_s <= LONGEST_GAP_S and farthest <= self._reach and followed:
                 self._gone += farthest
                 return rolled
@@ -194,8 +185,29 @@ class WheelTracks:
         self._keep(_Below(nothing, nothing))
         return np.zeros(len(self._wheels))
 
+    def _moved_pose(self, observation: Observation, motion: Floats, passed_s: float) -> Floats:
+        """Return the pose after a time with the mean of two motions."""
+        ahead, left, turn = 0.5 * passed_s * (self._motion + motion)
+        x, y, heading, drift = self._pose.tolist()
+        if not self._by_wheel:  # its axles are in one track until it has turned too far
+            return np.array([x + ahead, y, heading + turn, drift])
+        sine, cosine = math.sin(heading + 0.5 * turn), math.cos(heading + 0.5 * turn)
+        spread = self._reach * _known(observation.yaw_rate_sd)
+        side = math.hypot(_known(observation.lateral_velocity_sd), spread)
+        moves = bool(np.any(self._motion) or np.any(motion))
+        return np.array(
+            [
+                x + cosine * ahead - sine * left,
+                y + sine * ahead + cosine * left,
+                heading + turn,
+                drift + (passed_s * side) ** 2 * moves,
+            ]
+        )
+
     def _places(self) -> Floats:
         """Return the places of the wheels [W, 2] [m]."""
+        if not self._by_wheel:
+            return np.asarray(self._wheels + self._pose[:2])
         sine, cosine = math.sin(self._pose[2]), math.cos(self._pose[2])
         turned = self._wheels @ np.array([[cosine, sine], [-sine, cosine]])
         return np.asarray(turned + self._pose[:2])
@@ -210,9 +222,8 @@ class WheelTracks:
         sound = np.array([is_deviation(each) for each in deviation.tolist()])
         sound &= np.abs(reading) <= self._radius
         way = np.where(sound, rolled + _LEAST, 0.0)
-        with np.errstate(invalid="ignore"):
-            taken = [np.ones_like(way), sinkage, variance, before.depth, before.variance]
-            self._open += np.where(way > 0.0, way * np.array(taken), 0.0)
+        taken = [np.ones_like(way), sinkage, variance, before.depth, before.variance]
+        self._open += np.where(way > 0.0, way * np.array(taken), 0.0)
         if self._since_kept() >= self._stretch:
             self._keep(self._left())
         return dataclasses.replace(
@@ -228,9 +239,8 @@ class WheelTracks:
 
     def _left(self) -> _Below:
         """Return the ground that the wheels left since the last instant that is kept."""
-        with np.errstate(invalid="ignore"):
-            sunk, variance, before, variance_before = self._open[1:] / self._open[0]
-            risen = sunk < before  # the wheel rode above the bottom of the track
+        sunk, variance, before, variance_before = self._open[1:] / self._open[0]
+        risen = sunk < before  # the wheel rode above the bottom of the track
         return _Below(np.where(risen, before, sunk), np.where(risen, variance_before, variance))
 
     def _keep(self, left: _Below) -> None:
@@ -281,7 +291,7 @@ class WheelTracks:
         part = covered(np.sqrt((least[..., 0] ** 2 - drift).clip(0.0)), self._width)
         bottom = trails.bottom[1:].T[wheels, nearest]
         variance = part**2 * trails.variance[1:].T[wheels, nearest]
-        variance = variance + (bottom / self._width) ** 2 * drift
+        variance = np.where(part > 0.0, variance + (bottom / self._width) ** 2 * drift, 0.0)
         depth = np.where(part > 0.0, part * bottom, 0.0)
         deepest = np.where(np.isnan(depth), np.inf, depth).argmax(-1)
         found = _Below(depth[wheels, deepest], variance[wheels, deepest])

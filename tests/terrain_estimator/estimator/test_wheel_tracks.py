@@ -230,7 +230,7 @@ def test_a_wheel_that_was_not_measured_leaves_an_unknown_track() -> None:
         )
 
 
-@pytest.mark.parametrize("bad", [math.inf, 1e9, -1.0])
+@pytest.mark.parametrize("bad", [math.inf, 1e9, -1.0, 1e300])
 def test_an_impossible_reading_stays_impossible_and_makes_no_track(bad: float) -> None:
     tracks = planar()
     _, _, gone = drive(tracks, 30.0)
@@ -241,7 +241,7 @@ def test_an_impossible_reading_stays_impossible_and_makes_no_track(bad: float) -
     np.testing.assert_allclose(sinkages(found), truth, atol=0.006 * STRETCH)
 
 
-@pytest.mark.parametrize("deviation", [0.0, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize("deviation", [0.0, -1.0, math.nan, math.inf, 1e300, -1e300])
 def test_a_deviation_that_is_none_is_passed_on(deviation: float) -> None:
     tracks = planar()
     _, _, gone = drive(tracks, 30.0)
@@ -363,6 +363,31 @@ def test_beside_a_track_its_depth_counts_by_the_part_of_the_wheel_in_it(part: fl
     on = max(0.0, 1.0 - part)
     own = BOTTOM[2] - BOTTOM[0]
     assert moved.sinkage[2] == pytest.approx(own + on * BOTTOM[0], abs=1e-9)
+    # the front wheel's error counts twice, as far as the track counts
+    assert moved.sinkage_sd[2] == pytest.approx(DEVIATION * math.sqrt(1.0 + 2.0 * on**2), rel=1e-4)
+
+
+def test_beside_a_track_that_is_not_known_a_wheel_is_on_fresh_ground() -> None:
+    """The rover crabs to the left out of the place where it began; its left wheels lead."""
+    rover = Rover()
+    found = rover.go(10.0, 0.02, SPEED, reading=[0.02] * 4)
+    assert np.isnan(found[0].sinkage[2:]).all()
+    np.testing.assert_allclose(found[-1].sinkage[[0, 2]], 0.02, atol=1e-12)
+    assert found[-1].sinkage_sd[2] == pytest.approx(DEVIATION, rel=1e-12)
+
+
+def test_a_planar_rover_drives_straight_whatever_its_gyroscope_says() -> None:
+    """Noise of the yaw rate, and of a lateral velocity, are in no sinkage of a model by axle."""
+    plain, noisy = planar(), planar()
+    for step in range(300):
+        given = observed(read(waves, 0.01 * step), 0.1 * step)
+        shaken = dataclasses.replace(
+            given, yaw_rate=0.1 * (-1.0) ** step, yaw_rate_sd=0.1, lateral_velocity=0.02,
+            lateral_velocity_sd=0.05,
+        )  # fmt: skip
+        one, other = plain.undisturbed(given), noisy.undisturbed(shaken)
+        assert one.sinkage.tobytes() == other.sinkage.tobytes()
+        assert one.sinkage_sd.tobytes() == other.sinkage_sd.tobytes()
 
 
 def test_on_a_circle_rear_wheels_are_on_it_only_where_the_front_ones_were() -> None:
