@@ -24,7 +24,7 @@ from rover_sim_node.turning_run import TurningRun
 from studies.by_wheel.drives import compiled, model_of_soils
 from studies.command import study_parser
 from studies.false_names.table import limits
-from terrain_estimator.compiled.finding import load
+from terrain_estimator.compiled.finding import ends_here, load
 from terrain_estimator.config.estimator import AUTO, COMPILED, EstimatorConfig
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.messaging.messages import Status, status_of
@@ -103,7 +103,7 @@ def chosen(rover: str, models: Path, *, by_wheel: bool) -> Chosen:
         name = "" if rover == "mars_rover" else rover
         return Chosen(EstimatorConfig(model=name, runtime=load(name, AUTO).runtime), name)
     path, body = models / f"{rover}_by_wheel.pt", load_rover(rover)
-    if not path.exists():
+    if not path.with_suffix(ends_here()[0]).exists():
         models.mkdir(parents=True, exist_ok=True)
         places = WheelPlaces.of(body, track_width_of(body))
         soils = [load_soil(SOIL).for_wheel(body.wheel_width)]

@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from rover_sim_node.config import SimulatorConfig
+from rover_sim_node.config import FOLLOW, SimulatorConfig
 from rover_sim_node.messages import step_messages
 from rover_sim_node.run import SimulatedRun
+from rover_sim_node.turning_run import TurningRun
 from terrain_estimator.bags import BagReader, Types
+from terrain_estimator.cli import model_by_wheel
 from terrain_estimator.compiled.finding import load
 from terrain_estimator.config.estimator import AUTO, CoreConfig, EstimatorConfig
 from terrain_estimator.config.planner import PlannerConfig
@@ -38,6 +40,8 @@ from tests.live import live_pipeline
 
 SECONDS = 20.0
 TYPES = Types()
+AS_ROS = cast(Types, SimpleNamespace(serialize=serialize_message))
+"""Writes messages of rclpy."""
 
 
 @cache
@@ -102,8 +106,7 @@ def test_readings_at_50_hz_are_averaged_before_their_tracks_are_followed(tmp_pat
     outcomes = [answer.update.decision.outcome for answer in answers]
     assert outcomes[-20:] == [Outcome.ACCEPTED] * 20  # also where readings are below zero
     assert answers[-1].update.disagreements == ()
-    as_ros = cast(Types, SimpleNamespace(serialize=serialize_message))
-    bag, out = write_bag(tmp_path / "drive", iter(events), as_ros), tmp_path / "out"
+    bag, out = write_bag(tmp_path / "drive", iter(events), AS_ROS), tmp_path / "out"
     replay(bag, out, load("", AUTO), EstimatorConfig(), bag_topics([], ""))
     expected = as_bytes(answers, live_pipeline())["terrain_estimate"]
     with BagReader(out) as reader:
@@ -200,3 +203,43 @@ def test_estimates_agree_with_those_from_undisturbed_sinkages(seed: int) -> None
     deviation = np.sqrt(np.diag(one.covariance))
     assert (np.abs(other.mean - one.mean) < deviation).all()
     assert (np.abs(np.sqrt(np.diag(other.covariance)) / deviation - 1.0) < 0.15).all()
+
+
+def test_a_turning_rover_by_wheel_is_replayed_and_resumed_to_the_byte(tmp_path: Path) -> None:
+    """Eight seconds straight on and eight in a turn, in which rear wheels run beside the tracks."""
+    rover = ["--rover", "four_wheel_rover", "--soil", "loose_sand", "--track-width", "0.57"]
+    assert model_by_wheel.main([*rover, "--out", str(tmp_path)]) == 0
+    config = EstimatorConfig(model=str(tmp_path / "four_wheel_rover_by_wheel.pt"))
+    simulation = SimulatorConfig(
+        rover="four_wheel_rover", track_width=0.57, steering="skid", schedule=FOLLOW, seed=3,
+        sinkage_reference="local",
+    )  # fmt: skip
+    run, events = TurningRun(simulation), []
+    for step in range(160):
+        run.commands.request((0.15, 0.0, 0.0), (0.0, 0.0, 0.25 * (step >= 80)))
+        stamp = START_NS + step * STEP_NS
+        messages = step_messages(run.step(), simulation, stamp, step)
+        events += [(topic, stamp, each) for topic, each in messages.items()]
+    live = answered(events, config)
+    outcomes = [answer.update.decision.outcome for answer in live]
+    assert outcomes.count(Outcome.ACCEPTED) > 110
+    begun = live[2].update.decision
+    assert begun.outcome is Outcome.ACCEPTED_PARTIALLY
+    assert "need the tracks of the wheels ahead: known in 0.5" in begun.detail
+    bag, out = write_bag(tmp_path / "drive", iter(events), AS_ROS), tmp_path / "out"
+    replay(bag, out, load(config.model, AUTO), config, bag_topics([], ""))
+    expected = as_bytes(live, live_pipeline(config))
+    with BagReader(out) as reader:
+        found = {name: [raw.data for raw in reader.messages([f"/{name}"])] for name in OUTPUT_TYPES}
+    assert found == expected
+    saved, restored = live_pipeline(config), live_pipeline(config)
+    for topic, _, message in events[:500]:
+        saved.add(topic, message)
+    restored.restore(unpack_state(pack_state(saved.save(), "the model"), "the model", "here"))
+    rest = [answer for topic, _, message in events[500:] for answer in restored.add(topic, message)]
+    by_stamp = {answer.update.stamp_ns: answer.update for answer in live}
+    assert len(rest) > 50
+    for answer in rest:
+        one, other = answer.update, by_stamp[answer.update.stamp_ns]
+        assert one.estimate.mean.tobytes() == other.estimate.mean.tobytes()
+        assert one.decision == other.decision
