@@ -312,7 +312,8 @@ class Averager:
         reading = as_configured(reading, rover, config)
         screening = screen(reading, None, rover, config, wheels=self._wheels)
         if screening.outcome is not Outcome.OUT_OF_RANGE:
-            return _as_given(_signed(screening, given), given)
+            used = screening.outcome.used
+            return _as_given(_signed(screening, given), given) if used else screening
         slip = _inside(reading.slip, reading.slip_sd, config.slip_minimum, config.slip_maximum)
         sinkage = _inside(reading.sinkage, reading.sinkage_sd, 0.0, rover.wheel_radius)
         moved = dataclasses.replace(reading, slip=slip, sinkage=sinkage)
