@@ -98,7 +98,7 @@ def test_another_reference_is_refused_by_name(config: SimulatorConfig) -> None:
 DRIVES: dict[str, tuple[SimulatorConfig, Legs]] = {
     "straight over hills": (STRAIGHT, ((30.0, 0.0, 0.0),)),
     "one after another, by wheel": (STEERED, ((22.0, 0.1, 0.0),)),
-    "on a circle, skid-steer": (SKID, ((15.0, 0.1, 0.3),)),
+    "on a circle, skid-steer": (SKID, ((18.0, 0.1, 0.3),)),
     "on a circle, steered": (STEERED, ((25.0, 0.1, 0.08),)),
     "ahead, then on the spot": (SKID, ((10.0, 0.1, 0.0), (7.0, 0.0, 0.3))),
     "ahead and back": (SKID, ((10.0, 0.1, 0.0), (4.0, -0.1, 0.0), (5.0, 0.1, 0.0))),

@@ -46,6 +46,8 @@ _JITTER = 0.25
 """[stretches] Way back that noise makes of a wheel which stands or rolls forward."""
 _ON = 0.75
 """[1] Part of a wheel in a track that is known, from which on the rest does not matter."""
+_READING_S = 0.1
+"""[s] From one observation to the next."""
 _LEAST = 1e-9
 """[m] Way with which a reading counts that was taken on the spot."""
 _FARTHEST = 1e12
@@ -192,8 +194,7 @@ class WheelTracks:
         if not self._by_wheel:  # its axles are in one track until it has turned too far
             return np.array([x + ahead, y, heading + turn, drift])
         sine, cosine = math.sin(heading + 0.5 * turn), math.cos(heading + 0.5 * turn)
-        spread = self._reach * _known(observation.yaw_rate_sd)
-        side = math.hypot(_known(observation.lateral_velocity_sd), spread)
+        side = self._side_sd(observation)
         moves = bool(np.any(self._motion) or np.any(motion))
         return np.array(
             [
@@ -202,6 +203,16 @@ class WheelTracks:
                 heading + turn,
                 drift + (passed_s * side) ** 2 * moves,
             ]
+        )
+
+    def _side_sd(self, observation: Observation) -> float:
+        """Return the standard deviation [m/s] of the motion to the side of a track."""
+        speed = max(abs(observation.velocity), self._standstill_speed, _LEAST)
+        bend = min(1.0, abs(observation.yaw_rate) * self._reach / speed)  # in which ahead is aside
+        return math.hypot(
+            _known(observation.lateral_velocity_sd),
+            self._reach * _known(observation.yaw_rate_sd),
+            bend * _known(observation.velocity_sd),
         )
 
     def _places(self) -> Floats:
@@ -257,7 +268,7 @@ class WheelTracks:
         if len(self._trails.places) < 2:
             found, on = _Below(np.zeros(count), np.zeros(count)), np.zeros(count)
         else:
-            found, on = self._tracks_at(places)
+            found, on = self._tracks_at(places, self._side_sd(observation))
         # beside all tracks that are known the ground is fresh, but where the rover came from
         jitter = np.where(self._wheels[:, 0] < self._front, 0.0, self._jitter)
         came = (np.abs(places[:, 1]) <= self._side) & (self._gone < _LENGTHS * self._reach)
@@ -270,8 +281,11 @@ class WheelTracks:
             self.lacks += f"known in {way:.2g} m" if way else "they are not known here"
         return _Below(depth, found.variance)
 
-    def _tracks_at(self, places: Floats) -> tuple[_Below, Floats]:
-        """Return the deepest track at each of ``places``, and the part [W] of a wheel in it."""
+    def _tracks_at(self, places: Floats, side_sd: float) -> tuple[_Below, Floats]:
+        """Return the deepest track at each of ``places``, and the part [W] of a wheel in it.
+
+        ``side_sd`` [m/s] is that of the odometry to the side.
+        """
         trails = self._trails
         start, way = trails.places[:-1].swapaxes(0, 1), np.diff(trails.places, axis=0)
         way = way.swapaxes(0, 1)  # [W, n - 1, 2]
@@ -291,7 +305,11 @@ class WheelTracks:
         part = covered(np.sqrt((least[..., 0] ** 2 - drift).clip(0.0)), self._width)
         bottom = trails.bottom[1:].T[wheels, nearest]
         variance = part**2 * trails.variance[1:].T[wheels, nearest]
-        variance = np.where(part > 0.0, variance + (bottom / self._width) ** 2 * drift, 0.0)
+        # The error of the place beside a track lasts for as many readings as it took to come
+        # about: to the model, which takes errors as independent, its variance is that many times.
+        readings = (drift / max((side_sd * _READING_S) ** 2, _LEAST**2)).clip(1.0)
+        edge = (bottom / self._width) ** 2 * drift * readings
+        variance = np.where(part > 0.0, variance + edge, 0.0)
         depth = np.where(part > 0.0, part * bottom, 0.0)
         deepest = np.where(np.isnan(depth), np.inf, depth).argmax(-1)
         found = _Below(depth[wheels, deepest], variance[wheels, deepest])

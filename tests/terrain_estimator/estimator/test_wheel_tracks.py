@@ -376,6 +376,22 @@ def test_beside_a_track_that_is_not_known_a_wheel_is_on_fresh_ground() -> None:
     assert found[-1].sinkage_sd[2] == pytest.approx(DEVIATION, rel=1e-12)
 
 
+def test_noise_of_the_odometry_to_the_side_counts_for_as_long_as_it_lasts() -> None:
+    """It moves a wheel beside its track by a random walk, over the readings of a wheelbase."""
+    tracks, side_sd = by_wheel(), 0.005
+    reading = [BOTTOM[0], BOTTOM[1], BOTTOM[2] - BOTTOM[0], BOTTOM[3] - BOTTOM[1]]
+    found = [
+        tracks.undisturbed(observed(reading, STEP_S * step, lateral_velocity_sd=side_sd))
+        for step in range(200)
+    ][-1]
+    np.testing.assert_allclose(found.sinkage, BOTTOM, atol=1e-9)
+    np.testing.assert_allclose(found.sinkage_sd[:2], DEVIATION * math.sqrt(2.0), rtol=1e-9)
+    readings = (FRONT_X - REAR_X) / (SPEED * STEP_S)  # since the front wheels were there
+    walk = side_sd * STEP_S * math.sqrt(readings)
+    expected = np.hypot(DEVIATION * math.sqrt(3.0), BOTTOM[:2] / WIDTH * walk * math.sqrt(readings))
+    np.testing.assert_allclose(found.sinkage_sd[2:], expected, rtol=0.1)
+
+
 def test_a_planar_rover_drives_straight_whatever_its_gyroscope_says() -> None:
     """Noise of the yaw rate, and of a lateral velocity, are in no sinkage of a model by axle."""
     plain, noisy = planar(), planar()
