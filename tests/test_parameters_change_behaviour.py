@@ -289,6 +289,7 @@ SIMULATOR: dict[str, tuple[Any, dict[str, Any]]] = {
     "effect_axle": (0, {"effect": "failed_wheel", "effect_size": 0.5}),
     "noise": (1.0, {}),
     "sinkage_sensor": (OFF, {}),
+    "sinkage_reference": ("local", {}),
     "contact_angle_sensor": (OFF, {}),
     "seed": (1, {}),
     "rate": (20.0, {}),

@@ -12,6 +12,9 @@ from terramechanics.terrain.soil import Soil
 
 FOLLOW, FOLLOW_WHEELS = "cmd_vel", "wheel_commands"
 """The schedule that follows velocity commands."""
+UNDISTURBED, LOCAL = "undisturbed", "local"
+SINKAGE_REFERENCES = (UNDISTURBED, LOCAL)
+"""Grounds that sinkages are measured from."""
 
 
 def _override(name: str) -> Any:  # noqa: ANN401 (a dataclass field of type float)
@@ -119,6 +122,11 @@ class SimulatorConfig:
     )
     sinkage_sensor: bool = entry(
         "measure sinkages; false: publish NaN, as a rover without such a sensor", default=True
+    )
+    sinkage_reference: str = entry(
+        "ground that sinkages are measured from: undisturbed, or local, the ground right before"
+        " each wheel, in the tracks of the wheels ahead",
+        UNDISTURBED,
     )
     contact_angle_sensor: bool = entry(
         "measure contact angles; false: publish NaN, as a rover without such a sensor", default=True

@@ -117,7 +117,7 @@ def _sinkage(
     return WheelSinkage(
         header=header,
         sequence=sequence,
-        reference="undisturbed",
+        reference=config.sinkage_reference,
         wheel=list(reading.rover.wheel_names),
         sinkage=_doubles(measured.sinkage) if depth else nothing,
         sinkage_stddev=_doubles(measured.sinkage_sd) if depth else nothing,

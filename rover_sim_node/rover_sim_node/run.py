@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulate one drive with its measurements, step by step, without ROS."""
 
+import dataclasses
 import math
 
 import torch
@@ -10,6 +11,7 @@ from torch import Tensor
 from rover_parameters.records import ConfigError
 from rover_sim_node.config import FOLLOW, SimulatorConfig
 from rover_sim_node.reading import FIXED, GroundTruth, MotionAcross, SimulatedReading, single
+from rover_sim_node.true_tracks import tracks_of
 from rover_sim_node.velocity_commands import VelocityCommands
 from terramechanics.effects import describe, make_effect
 from terramechanics.presets import load_rover, load_soil
@@ -70,6 +72,7 @@ class SimulatedRun:
         )
         self._bias = acceleration_bias(self._noise, 1, self._sensing)
         self._wheel_angle = torch.zeros(len(self.rover.wheels), dtype=torch.float64)
+        self._tracks = tracks_of(config.sinkage_reference, self.rover, self.rover.reach)
         self._odometry, self._variance = (0.0, 0.0), (0.0, 0.0)
         self._bogie_angle = math.nan
 
@@ -78,10 +81,11 @@ class SimulatedRun:
         """Simulate one step; return its reading."""
         time = (self._simulation.steps + 1) * self._step
         sample = self._simulation.step(self._schedule.kind, self._schedule.command(time))
+        sensed = self._simulation.sensed(self._reported(sample))
         measured = single(
             measure(
                 self.rover,
-                per_wheel(self.rover, self._simulation.sensed(sample)),
+                per_wheel(self.rover, sensed),
                 self._noise,
                 self._bias,
                 self._sensing,
@@ -108,6 +112,15 @@ class SimulatedRun:
             stuck=bool(sample.stuck),
             specific_force=(0.0, self.rover.gravity * math.cos(float(measured.pitch))),
         )
+
+    def _reported(self, sample: Sample) -> Sample:
+        """Return the sample with sinkages from the ground that sensors measure them from."""
+        if self._tracks is None:
+            return sample
+        places = torch.stack([sample.contact, torch.zeros_like(sample.contact)], -1)
+        ahead = torch.tensor([[1.0, 0.0]], dtype=torch.float64)
+        local = self._tracks.local(places, sample.sinkage, ahead)
+        return dataclasses.replace(sample, sinkage=local)
 
     def _across(self, sample: Sample) -> MotionAcross:
         axles = list(self.rover.wheel_axle)

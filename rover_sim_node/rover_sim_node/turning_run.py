@@ -24,6 +24,7 @@ from rover_sim_node.reading import (
     single,
 )
 from rover_sim_node.run import plant_of
+from rover_sim_node.true_tracks import tracks_of
 from rover_sim_node.twist_commands import SKID, TwistCommands, check_steering
 from rover_sim_node.wheel_commands import WheelCommands
 from terramechanics.description.layout import track_width_of
@@ -91,6 +92,7 @@ class TurningRun:
             surface=_surface(config),
             effects=self._effects,
         )
+        self._tracks = tracks_of(config.sinkage_reference, self.rover, chassis.reach)
         self._places = chassis_places(self.rover)
         self._noise, self._sensing = Noise(factor=config.noise), torch.Generator()
         self._sensing.manual_seed(2 * config.seed + 1)
@@ -114,7 +116,8 @@ class TurningRun:
                 f" steep, or the ground too soft{self._with_effect}"
             )
         sample = self._sample(body)
-        sensed = sample if self._effects is None else self._effects.sensed(sample)
+        reported = self._reported(sample, body)
+        sensed = reported if self._effects is None else self._effects.sensed(reported)
         measured = single(measure(self.rover, sensed, self._noise, self._bias[:1], self._sensing))
         self._wheel_angle = self._wheel_angle + self._step * measured.wheel_rate
         moved = self._integrated(measured, self._sideways(body, float(measured.pitch)))
@@ -183,6 +186,15 @@ class TurningRun:
             constants=self._constants.expand(*slip.shape, 6),
             strength=self._strength.expand(*slip.shape, 2),
         )
+
+    def _reported(self, sample: Sample, body: BodySample) -> Sample:
+        """Return the sample with sinkages from the ground that sensors measure them from."""
+        if self._tracks is None:
+            return sample
+        turned = torch.stack([body.heading.cos(), body.heading.sin()], -1)
+        places = self._simulation.wheel_places()
+        local = self._tracks.local(places, body.sinkage, turned)
+        return replace(sample, sinkage=local[:, self._places])
 
     def _bogie(self, body: BodySample) -> float:
         """Return the mean angle of the bogies left and right [rad], 0 without bogies."""

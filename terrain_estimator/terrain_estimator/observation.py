@@ -20,7 +20,8 @@ class Observation:
     contact angle of every axle; so is sinkage, unless every torque and the bogie's angle are there.
     Torque, acceleration and the bogie's angle are optional. Roll, lateral velocity and yaw rate
     tell a model by axle whether the rover is planar at all, and nothing else. A model by wheel
-    needs them; its arrays have shape ``[wheels]``, front to rear, left before right.
+    needs them; its arrays have shape ``[wheels]``, front to rear, left before right. Models know
+    sinkage from undisturbed ground: ``estimator/wheel_tracks.py`` makes it of a local one.
     """
 
     stamp_ns: int
@@ -47,6 +48,7 @@ class Observation:
     yaw_rate: float = math.nan  # [rad/s] to the left
     yaw_rate_sd: float = math.nan  # [rad/s]
     steering: Floats | None = None  # [rad] to the left, of each wheel; None: nothing steers them
+    local: bool = False  # whether sinkage is from the ground right before each wheel
 
 
 AXLE_FIELDS = tuple(field.name for field in fields(Observation) if field.type is Floats)
@@ -60,3 +62,6 @@ OFF_PLANE = (
     "steering",
 )  # fmt: skip
 """Names of what makes a motion other than planar: no other observation depends on them."""
+
+NOT_SAVED = (*OFF_PLANE, "local")
+"""Names of what the next observation does not depend on."""

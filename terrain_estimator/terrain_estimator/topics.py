@@ -26,6 +26,9 @@ BODY_FRAME = "base_link"
 UNDISTURBED = "undisturbed"
 """Reference of a sinkage that is measured from ground where no wheel has been."""
 
+LOCAL = "local"
+"""Reference of a sinkage that is measured from the ground right before the wheel, in a track."""
+
 REQUIRED_INPUTS = ("wheel_slip", "wheel_sinkage", "odom")
 """Inputs that every observation needs; the first gives the stamps."""
 

@@ -23,6 +23,7 @@ from terrain_estimator.estimator.saved_state import Arrays, StateFileError
 from terrain_estimator.estimator.screening import Screening, advised, screen
 from terrain_estimator.estimator.soundness import unsound_answer, unsound_fit
 from terrain_estimator.estimator.summary import Beliefs, Summary, named, summary_of
+from terrain_estimator.estimator.wheel_tracks import WheelTracks
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.packed_observation import (
     LONGEST_GAP,
@@ -33,7 +34,7 @@ from terrain_estimator.model.packed_observation import (
 )
 from terrain_estimator.model.report import Report
 from terrain_estimator.model.runtime import RuntimeState
-from terrain_estimator.observation import OFF_PLANE, Observation
+from terrain_estimator.observation import NOT_SAVED, Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import (
     NOTHING_PREDICTED,
@@ -76,6 +77,8 @@ class Estimator:
             config = config.of_velocity_alone()
         self._config, self._balances_sinkage = config, model.balances_sinkage
         self._wheels, self._body = SingleWheels.of(model.metadata), _turning_body(model)
+        places = model.metadata.wheel_places
+        self._tracks = WheelTracks(model.rover, places, config.standstill_speed)
         self._deciding = Deciding.of(model, self._wheels)
         self._step_s, self._block = model.metadata.step_s, model.metadata.block
         self._beliefs = Beliefs.of(model.metadata, config)
@@ -98,6 +101,7 @@ class Estimator:
         self._forecasting = Forecasting()
         self._reopen()
         self._last_stamp: int | None = None  # the last one that came
+        self._tracks.forget()
 
     def _reopen(self) -> None:
         """Start over from the prior; how well the model fitted is kept."""
@@ -123,6 +127,8 @@ class Estimator:
 
         The content of an observation never raises.
         """
+        if self._config.use_sinkage:
+            observation = self._tracks.undisturbed(observation)
         observation = as_configured(observation, self._rover, self._config)
         screening = screen(
             observation,
@@ -135,9 +141,16 @@ class Estimator:
         if screening.outcome not in (Outcome.TIME_BACKWARDS, Outcome.DUPLICATE):
             self._last_stamp = observation.stamp_ns
         if screening.outcome.used:
-            return self._learn(screening)
-        detail = advised(screening, self._config).detail
+            return self._learn(self._explained(screening))
+        detail = advised(self._explained(screening), self._config).detail
         return self._answer(observation.stamp_ns, without_rows(screening.outcome, detail))
+
+    def _explained(self, screening: Screening) -> Screening:
+        """Return the screening with the reason why a local sinkage tells nothing, if it does."""
+        partial = screening.outcome in {Outcome.NOT_FINITE, Outcome.ACCEPTED_PARTIALLY}
+        if not (self._tracks.lacks and partial):
+            return screening
+        return screening._replace(detail=f"{screening.detail}; {self._tracks.lacks}")
 
     def reject(self, stamp_ns: int, outcome: Outcome, detail: str) -> Update:
         """Answer for an observation that could not even be formed."""
@@ -156,7 +169,7 @@ class Estimator:
     def save(self) -> dict[str, NDArray[Any]]:
         """Return all that the next update depends on, as arrays, but for the sequence number."""
         last = {} if self._last is None else dataclasses.asdict(self._last)
-        last = {name: value for name, value in last.items() if name not in OFF_PLANE}
+        last = {name: value for name, value in last.items() if name not in NOT_SAVED}
         intake, moving = self._intake, self._forecasting.persistence
         return {
             **{f"state.{k}": value for k, value in self._runtime.arrays(self._state).items()},
@@ -188,6 +201,7 @@ class Estimator:
             ),
             "window": np.array(intake.window, dtype=np.int64).reshape(-1, 3),
             **self._consistency.arrays(),
+            **self._tracks.arrays(),
         }
 
     def restore(self, arrays: Arrays) -> None:
@@ -214,6 +228,7 @@ class Estimator:
         summary = self._summary(state, counts.doubt, counts.consistency.crossing.unknown)
         if summary.unsound:
             raise StateFileError(f"the state gives no estimate: {summary.unsound}: {ADVICE}")
+        self._tracks.restore(arrays)
         self._state, self._last, self._published = state, last, summary
         self._count(counts)
 
@@ -234,6 +249,7 @@ class Estimator:
     def unlink(self) -> None:
         """Accept any stamp next, as after a pause of unknown length; the posterior stays."""
         self._last = self._last_stamp = None
+        self._tracks.forget()
         self._forecasting.unlink()
 
     @property

@@ -11,6 +11,7 @@ from pathlib import Path
 from rover_parameters.records import ConfigError, nearest, number
 from rover_parameters.yaml_files import load
 from terrain_estimator.importing.units import factor
+from terrain_estimator.topics import LOCAL, UNDISTURBED
 from terramechanics.vehicle.rover import Rover
 
 SLIP_DEFINITIONS = ("one_minus_v_over_rw", "max_normalised")
@@ -130,6 +131,7 @@ class Mapping:
     wheels: tuple[WheelColumns, ...]
     slip_definition: str = SLIP_DEFINITIONS[0]
     contact_angle_reference: str = ANGLE_REFERENCES[0]
+    sinkage_reference: str = UNDISTURBED
     delimiter: str = ","
     decimal: str = "."
     missing: tuple[str, ...] = ()  # words for values that were not measured
@@ -158,7 +160,7 @@ class Mapping:
                 f" {', '.join(SLIP_DEFINITIONS)}"
             )
             raise ConfigError(msg)
-        self._check_angle_reference()
+        self._check_references()
         if len(self.delimiter) != 1:
             msg = f"delimiter: {self.delimiter!r} is not one character"
             raise ConfigError(msg)
@@ -228,7 +230,14 @@ class Mapping:
             getattr(self, signal).column for signal in BODY_SIGNALS if getattr(self, signal).column
         )
 
-    def _check_angle_reference(self) -> None:
+    def _check_references(self) -> None:
+        if self.sinkage_reference not in (UNDISTURBED, LOCAL):
+            msg = (
+                f"sinkage_reference: {self.sinkage_reference!r} is unknown: give {UNDISTURBED}, for"
+                f" ground where no wheel has been, or {LOCAL}, for the ground right before the"
+                " wheel"
+            )
+            raise ConfigError(msg)
         reference = self.contact_angle_reference
         if reference not in ANGLE_REFERENCES:
             msg = (

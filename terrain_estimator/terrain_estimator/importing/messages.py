@@ -16,7 +16,6 @@ from terrain_estimator.topics import (
     LATERAL_IN_TWIST,
     PITCH_IN_ORIENTATION,
     PITCH_IN_POSE,
-    UNDISTURBED,
     YAW_IN_TWIST,
 )
 from terramechanics.description.layout import STEERING_SUFFIX
@@ -82,7 +81,7 @@ class SampleWriter:
             INPUT_TYPES["wheel_sinkage"],
             header=self._header(sample, self.mapping.frame),
             sequence=self._sequence,
-            reference=UNDISTURBED,
+            reference=self.mapping.sinkage_reference,
             wheel=[wheel.name for wheel in self.mapping.wheels],
             sinkage=_values(sample.sinkage),
             sinkage_stddev=_deviations(sample.sinkage),

@@ -287,6 +287,8 @@ class Averager:
         last = readings[-1]
         screened = [self._screen(each.observation) for each in readings if each.observation]
         usable = [each.observation for each in screened if each.outcome.used]
+        # sinkages from another ground have no common mean
+        usable = [each for each in usable if each.local == usable[-1].local]
         if not usable:
             return last
         notes = [*last.notes, f"mean of {len(usable)} readings at {self._window.rate.rounded:g} Hz"]
@@ -305,16 +307,28 @@ class Averager:
         """
         config, rover = self._config, self._rover
         given = reading
+        if reading.local:  # a wheel may ride above the bottom of a track
+            reading = dataclasses.replace(reading, sinkage=np.abs(reading.sinkage))
         reading = as_configured(reading, rover, config)
         screening = screen(reading, None, rover, config, wheels=self._wheels)
         if screening.outcome is not Outcome.OUT_OF_RANGE:
-            return _as_given(screening, given) if screening.outcome.used else screening
+            used = screening.outcome.used
+            return _as_given(_signed(screening, given), given) if used else screening
         slip = _inside(reading.slip, reading.slip_sd, config.slip_minimum, config.slip_maximum)
         sinkage = _inside(reading.sinkage, reading.sinkage_sd, 0.0, rover.wheel_radius)
         moved = dataclasses.replace(reading, slip=slip, sinkage=sinkage)
         again = screen(moved, None, rover, config, wheels=self._wheels)
         own = dataclasses.replace(again.observation, slip=reading.slip, sinkage=reading.sinkage)
-        return _as_given(again._replace(observation=own), given)
+        return _as_given(_signed(again._replace(observation=own), given), given)
+
+
+def _signed(screening: Screening, reading: Observation) -> Screening:
+    """Return the screening with the signs of local sinkages that it left."""
+    if not reading.local:
+        return screening
+    own = screening.observation
+    sinkage = np.where(np.isnan(own.sinkage), np.nan, reading.sinkage)
+    return screening._replace(observation=dataclasses.replace(own, sinkage=sinkage))
 
 
 def _as_given(screening: Screening, reading: Observation) -> Screening:
@@ -383,4 +397,9 @@ def mean(readings: list[Observation], stamp_ns: int) -> Observation:
     scalars = {name: float(values[name]) for name in SCALAR_FIELDS}
     steered = [each.steering for each in readings if each.steering is not None]
     steering = np.mean(steered, axis=0) if steered else None
-    return Observation(stamp_ns, **(values | scalars), steering=steering)  # type: ignore[arg-type]
+    return Observation(
+        stamp_ns,
+        **(values | scalars),  # type: ignore[arg-type]
+        steering=steering,
+        local=readings[-1].local,
+    )

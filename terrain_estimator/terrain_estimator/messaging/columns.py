@@ -22,6 +22,7 @@ from terrain_estimator.messaging.conversion import (
     Groups,
     Mark,
     WrongWheelsError,
+    is_local,
     wrong_reference,
 )
 from terrain_estimator.messaging.conversion_rules import (
@@ -137,6 +138,7 @@ class Observations:
     ordinary: list[bool]  # the others are for the conversion of single sets
     axles: Floats  # [n, fields, axles]
     scalars: Floats  # [n, fields]
+    local: bool = False  # whether sinkages are from the ground right before each wheel
 
 
 class ObservationRow(NamedTuple):
@@ -164,7 +166,8 @@ class ObservationRow(NamedTuple):
         """Return it as the conversion of a single set."""
         many = self.observations
         scalars = many.scalars[self.at].tolist()
-        return Conversion(self.stamp_ns, Observation(self.stamp_ns, *many.axles[self.at], *scalars))
+        numbers = (*many.axles[self.at], *scalars, None, many.local)  # in the order of the fields
+        return Conversion(self.stamp_ns, Observation(self.stamp_ns, *numbers))
 
 
 def observed(
@@ -196,14 +199,16 @@ def observed(
         with np.errstate(all="ignore"):
             _add_wheels(found, converter, (slip, picked(slip, 0)), "slip", converter.slip_bounds)
             depths = (sinkage, picked(sinkage, 1))
-            _add_wheels(found, converter, depths, "sinkage", converter.sinkage_bounds)
+            bounds = converter.sinkage_bounds(local=is_local(sinkage.example))
+            _add_wheels(found, converter, depths, "sinkage", bounds)
             _add_wheels(found, converter, depths, "contact_angle", ANY)
             if joints and not _add_joints(found, converter, joints, picked(joints, 3)):
                 return None
             _add_body(found, converter, picked(odom, 2), picked(imu, 4) if imu else None)
     except WrongWheelsError:
         return None
-    return Observations(stamps_ns, found.ordinary.tolist(), found.axles, found.scalars)
+    ordinary, local = found.ordinary.tolist(), is_local(sinkage.example)
+    return Observations(stamps_ns, ordinary, found.axles, found.scalars, local)
 
 
 class _Found:

@@ -37,6 +37,7 @@ from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import (
     LATERAL_IN_TWIST,
+    LOCAL,
     PITCH_IN_ORIENTATION,
     PITCH_IN_POSE,
     ROLL_IN_ORIENTATION,
@@ -142,7 +143,7 @@ class Converter:
         absolute = 0.01 * 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
         self.torque_absolute_sd = config.torque_absolute_sd or absolute
         self.slip_bounds = Bounds(core.slip_minimum, core.slip_maximum)
-        self.sinkage_bounds = Bounds(0.0, rover.wheel_radius)
+        self._radius = rover.wheel_radius
         # without a joint, all axles are where the rover file has them
         self.known_angle = math.nan if rover.suspension else 0.0
         self.bogie_joints = {name.strip() for name in config.bogie_joint.split(",")}
@@ -182,6 +183,10 @@ class Converter:
             return Conversion(stamp_ns, None, Outcome.WRONG_WHEELS, str(error))
         return Conversion(stamp_ns, observation, notes=tuple(notes.texts))
 
+    def sinkage_bounds(self, *, local: bool) -> Bounds:
+        """Return the range of a sinkage [m]; a wheel may ride above the bottom of a track."""
+        return Bounds(-self._radius if local else 0.0, self._radius)
+
     def wrong_frame(self, slip: Message, sinkage: Message, odom: Message, imu: Message) -> str:
         """Name the first message whose frame is not the body's; empty where all are right."""
         expected = self.config.body_frame
@@ -210,7 +215,7 @@ class Converter:
             sinkage.wheel,
             sinkage.sinkage,
             sinkage.sinkage_stddev,
-            self.sinkage_bounds,
+            self.sinkage_bounds(local=is_local(sinkage)),
         )
         angle = _Signal(
             "wheel_sinkage",
@@ -255,6 +260,7 @@ class Converter:
             yaw_rate=yaw_rate,
             yaw_rate_sd=yaw_rate_sd,
             steering=self._steering(joints),
+            local=is_local(sinkage),
         )
 
     def _steering(self, joints: Message) -> Floats | None:
@@ -446,13 +452,22 @@ class Converter:
 
 def wrong_reference(sinkage: Message) -> str:
     """Say why sinkages from this reference cannot be used; empty where they can."""
-    reference = getattr(sinkage, "reference", "")  # bags of before have none
-    if reference in {"", UNDISTURBED}:
+    reference = _reference(sinkage)
+    if reference in {"", UNDISTURBED, LOCAL}:
         return ""
     return (
-        f"wheel_sinkage: reference is {reference!r}, expected {UNDISTURBED!r}: measure sinkage from"
-        " ground where no wheel has been, or publish NaN and leave reference empty"
+        f"wheel_sinkage: reference is {reference!r}, expected {UNDISTURBED!r}, for ground where no"
+        f" wheel has been, or {LOCAL!r}, for the ground right before the wheel"
     )
+
+
+def is_local(sinkage: Message) -> bool:
+    """Return whether sinkages are from the ground right before each wheel."""
+    return _reference(sinkage) == LOCAL
+
+
+def _reference(sinkage: Message) -> str:
+    return str(getattr(sinkage, "reference", ""))  # bags of before have none
 
 
 def _unless_oversized(message: Message, notes: _Notes) -> Message:

@@ -42,8 +42,8 @@ Answering: TypeAlias = Callable[[Iterable[Converted]], Iterator[Answered]]
 _Packed: TypeAlias = tuple[NDArray[np.int64], Floats, Floats, dict[int, Conversion]]
 """A batch of n sets in few arrays.
 
-Stamps and marks [n, 2], values of axles [n, fields, axles] and scalars [n, fields]; sets without an
-observation by position.
+Stamps, marks and whether sinkages are local [n, 3], values of axles [n, fields, axles] and scalars
+[n, fields]; sets without an observation by position.
 """
 
 
@@ -173,9 +173,9 @@ def _pack(batch: list[Conversion | ObservationRow]) -> _Packed:
     }
     taken = [each for at, each in enumerate(batch) if at not in without]
     stamps = np.array(
-        [(each.stamp_ns, each.mark) for each in taken],
+        [(each.stamp_ns, each.mark, _is_local(each)) for each in taken],
         dtype=np.int64,
-    ).reshape(-1, 2)
+    ).reshape(-1, 3)
     parts = [
         _packed_rows(key, list(part))
         for key, part in itertools.groupby(
@@ -186,6 +186,12 @@ def _pack(batch: list[Conversion | ObservationRow]) -> _Packed:
         return stamps, np.empty(0), np.empty(0), without
     axles, scalars = (np.concatenate(values) for values in zip(*parts, strict=True))
     return stamps, axles, scalars, without
+
+
+def _is_local(taken: Conversion | ObservationRow) -> bool:
+    if isinstance(taken, ObservationRow):
+        return taken.observations.local
+    return taken.observation is not None and taken.observation.local
 
 
 def _packed_rows(of: Observations | None, part: list[Any]) -> tuple[Floats, Floats]:
@@ -221,6 +227,7 @@ def _unpack(packed: _Packed) -> Iterator[Conversion]:
         if at in without:
             yield without[at]
         else:
-            (stamp_ns, mark), by_axle, single = next(observations)
-            numbers = (*by_axle, *single, next(angles))  # in the order of the fields
+            (stamp_ns, mark, local), by_axle, single = next(observations)
+            # in the order of the fields
+            numbers = (*by_axle, *single, next(angles), bool(local))
             yield Conversion(stamp_ns, Observation(stamp_ns, *numbers), mark=_MARKS[mark])

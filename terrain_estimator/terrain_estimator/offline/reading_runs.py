@@ -21,6 +21,7 @@ from terrain_estimator.discovery.runs import (
     run_of,
 )
 from terrain_estimator.estimator.off_plane import SingleWheels
+from terrain_estimator.estimator.wheel_tracks import WheelTracks
 from terrain_estimator.messaging.averaging import Averager, averaged
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.messaging.pairing import MessageSet, input_synchronizer
@@ -28,6 +29,7 @@ from terrain_estimator.model.physics_of_wheels import physics_by_wheel
 from terrain_estimator.observation import Observation
 from terrain_estimator.offline.bag_options import BagOptions
 from terrain_estimator.offline.topic_mapping import TopicError, check_inputs
+from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import INPUT_TYPES, REQUIRED_INPUTS, stamp_ns
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.wheel_places import WheelPlaces
@@ -146,6 +148,7 @@ def _observations(
         )
     conversion = reading.config.conversion.of_model(by_wheel=by_wheel)
     converter = Converter(rover, conversion, used, places.steers(rover) if places else ())
+    tracks = WheelTracks(rover, places, used.standstill_speed)
     none = True
     readings = (
         converter.convert(complete.stamp_ns, complete.messages)
@@ -155,12 +158,12 @@ def _observations(
         none = False
         if converted.observation is None:
             refusals.add(converted.outcome, converted.detail)
+            continue
+        observation = tracks.undisturbed(converted.observation)
+        if tracks.lacks:
+            refusals.add(Outcome.NOT_FINITE, tracks.lacks)
         else:
-            yield (
-                converted.observation
-                if used.use_moments
-                else replace(converted.observation, bogie_angle=math.nan)
-            )
+            yield (observation if used.use_moments else replace(observation, bogie_angle=math.nan))
     if none:
         raise RunError(
             f"no {', '.join(REQUIRED_INPUTS)} have stamps within the parameter pairing_tolerance,"

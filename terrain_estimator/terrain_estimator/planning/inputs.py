@@ -8,6 +8,7 @@ import numpy as np
 
 from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
 from terrain_estimator.config.planner import PlannerConfig
+from terrain_estimator.estimator.wheel_tracks import WheelTracks
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.messaging.pairing import input_synchronizer
 from terrain_estimator.observation import Observation
@@ -28,6 +29,7 @@ class PlannerInputs:
         self._synchronizer = input_synchronizer(self.topics, config.pairing)
         self._use_sinkage = config.use_sinkage
         self._converter = Converter(rover, ConversionConfig(body_frame=""), core)
+        self._tracks = WheelTracks(rover, None, config.advice.standstill_speed)
 
     def add(self, topic: str, message: Message) -> list[Observation | None]:
         """Add one message of ``topics``; return the observations that it completes.
@@ -41,9 +43,13 @@ class PlannerInputs:
             self._converter.convert(complete.stamp_ns, complete.messages).observation
             for complete in sets
         )
-        return [
-            each if each is None or self._use_sinkage else _without_sinkage(each) for each in found
-        ]
+        return [each if each is None else self._with_sinkage(each) for each in found]
+
+    def _with_sinkage(self, observation: Observation) -> Observation:
+        """Return the observation with sinkages from undisturbed ground, or without any."""
+        if self._use_sinkage:
+            return self._tracks.undisturbed(observation)
+        return _without_sinkage(observation)
 
 
 def _without_sinkage(observation: Observation) -> Observation:

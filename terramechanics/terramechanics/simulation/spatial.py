@@ -144,7 +144,7 @@ class BodySimulation:
         self._gravity = self.plane.gravity(chassis.gravity)
         axes = self._attitude.rotation(self.heading)
         self._tracks = Tracks(
-            self._wheel_places(), -2.0 * chassis.reach * axes[:, :2, 0], chassis.wheel_width
+            self.wheel_places(), -2.0 * chassis.reach * axes[:, :2, 0], chassis.wheel_width
         )
 
     def settle(self, rim: Tensor, steering: Tensor, guess: Tensor) -> BodyContacts:
@@ -171,7 +171,7 @@ class BodySimulation:
         )
         if effects is not None:
             torque = torque + effects.friction()
-            self._tracks.remember(self._wheel_places())
+            self._tracks.remember(self.wheel_places())
         self.velocity, self.rim, self._depth = contacts.velocity, rim, contacts.depth
         return BodySample(
             time=torch.full_like(self.heading, self.steps * self.time_step),
@@ -191,7 +191,7 @@ class BodySimulation:
             solved=contacts.solved,
         )
 
-    def _wheel_places(self) -> Tensor:
+    def wheel_places(self) -> Tensor:
         """Return the places of the wheels along the plane [batch, wheels, 2] [m]."""
         axes = self._attitude.rotation(self.heading)[:, :2, :2]
         return self.position.unsqueeze(1) + self.chassis.places() @ axes.mT
@@ -200,7 +200,7 @@ class BodySimulation:
         """Return the effects of the step to come."""
         if self._effects is None:
             return None
-        passes = self._tracks.passes(self._wheel_places())
+        passes = self._tracks.passes(self.wheel_places())
         time = (self.steps + 1) * self.time_step
         return self._effects.step(time, rim, self.velocity[:, 0], passes)
 

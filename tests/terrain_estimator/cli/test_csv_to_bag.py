@@ -74,6 +74,15 @@ def test_an_empty_cell_is_a_value_that_was_not_measured(tmp_path: Path) -> None:
     assert sinkage.sinkage[1] == 0.01
 
 
+def test_the_ground_that_sinkages_are_from_is_written(tmp_path: Path) -> None:
+    for changes, said in (({}, "undisturbed"), ({"sinkage_reference": "local"}, "local")):
+        folder = tmp_path / said
+        folder.mkdir()
+        assert run(folder, mapping(**changes)) == 0
+        found = messages(folder / "bag", "/wheel_sinkage")
+        assert {each.reference for each in found} == {said}
+
+
 def test_a_signal_that_was_not_measured_is_absent(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -220,6 +229,10 @@ def test_the_example_of_the_documentation_converts(
         (
             {"slip_definition": "wong"},
             "slip_definition: 'wong' is unknown: give one of one_minus_v_over_rw, max_normalised",
+        ),
+        (
+            {"sinkage_reference": "Local"},
+            "sinkage_reference: 'Local' is unknown: give undisturbed, for ground where no wheel",
         ),
         (
             {"contact_angle_reference": "gravity"},

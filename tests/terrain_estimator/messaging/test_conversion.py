@@ -164,14 +164,33 @@ def test_another_frame_is_refused_and_named_unless_any_is_accepted(topic: str) -
     )
 
 
-@pytest.mark.parametrize("reference", ["local", "Undisturbed", "undisturbed "])
+@pytest.mark.parametrize("reference", ["Local", "Undisturbed", "undisturbed "])
 def test_sinkage_from_other_ground_is_refused_by_field_and_value(reference: str) -> None:
     conversion = convert(wheel_sinkage=wheel_sinkage(OFFLINE, reference=reference))
     assert conversion.outcome is Outcome.WRONG_FRAME
     assert conversion.observation is None
-    assert f"wheel_sinkage: reference is {reference!r}, expected 'undisturbed': measure" in (
+    assert f"wheel_sinkage: reference is {reference!r}, expected 'undisturbed', for ground" in (
         conversion.detail
     )
+    assert "or 'local', for the ground right before the wheel" in conversion.detail
+
+
+@FACTORIES
+def test_a_local_sinkage_is_said_to_be_one_and_may_be_negative(make: Make) -> None:
+    """A wheel that rides above the bottom of a track by 5 mm is possible; from fresh ground not."""
+    risen = [-0.005 if wheel.axle else 0.018 for wheel in ROVER.wheels]
+    given = wheel_sinkage(make, sinkage=risen, reference="local")
+    found = convert(wheel_sinkage=given)
+    assert observed(found).local
+    assert found.notes == ()
+    assert observed(found).sinkage.tolist() == pytest.approx([0.018, -0.005, -0.005])
+    assert not observed(convert(wheel_sinkage=wheel_sinkage(make))).local
+    mixed = [-0.005 if wheel.side == "left" else 0.018 for wheel in ROVER.wheels]
+    undisturbed = convert(wheel_sinkage=wheel_sinkage(make, sinkage=mixed))
+    assert len(undisturbed.notes) == 3
+    assert observed(undisturbed).sinkage.tolist() == pytest.approx([0.018] * 3)
+    local = convert(wheel_sinkage=wheel_sinkage(make, sinkage=mixed, reference="local"))
+    assert observed(local).sinkage.tolist() == pytest.approx([0.0065] * 3)
 
 
 @FACTORIES

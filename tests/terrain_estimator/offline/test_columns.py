@@ -274,7 +274,7 @@ def test_motion_across_changes_no_byte_by_columns_or_one_by_one(
     assert sum(taken) == 100
 
 
-@pytest.mark.parametrize("reference", ["undisturbed", "local", "undisturbeD"])
+@pytest.mark.parametrize("reference", ["undisturbed", "Local", "undisturbeD"])
 def test_sinkage_from_other_ground_is_refused_by_columns_and_one_by_one(
     reference: str, tmp_path: Path, taken: list[int]
 ) -> None:

@@ -76,3 +76,54 @@ def test_a_rover_that_stands_keeps_its_tracks_and_one_that_went_on_leaves_them()
     for k in range(3000):
         tracks.remember(at(100.0, 0.0, 0.05 * k))
     assert len(tracks._trail) <= LONGEST
+
+
+def sunk(tracks: Tracks, pose: tuple[float, float, float], *depths: float) -> list[float]:
+    """Return the depths before the wheels at a pose, which sink to ``depths`` [m]."""
+    places = at(*pose)
+    before = tracks.depth(places)
+    tracks.remember(places, torch.maximum(before, torch.tensor([depths], dtype=torch.float64)))
+    return before[0].tolist()
+
+
+DEPTHS = (0.02, 0.03, 0.04, 0.01)
+FRONT_BEFORE_REAR = [0.0, 0.02, 0.0, 0.04]
+
+
+def sinking() -> Tracks:
+    return Tracks(at(0.0, 0.0), BACK, WIDTH, torch.tensor([DEPTHS], dtype=torch.float64))
+
+
+def test_a_wheel_behind_is_before_the_depth_that_the_one_ahead_left() -> None:
+    tracks = sinking()
+    for k in range(60):
+        assert sunk(tracks, (0.03 * k, 0.0, 0.0), *DEPTHS) == pytest.approx(FRONT_BEFORE_REAR)
+
+
+def test_the_ground_does_not_rise_behind_a_wheel_that_rides_higher() -> None:
+    """A third row of wheels would be before the deeper of two: backing rolls over both."""
+    tracks = sinking()
+    for k in range(60):
+        sunk(tracks, (0.03 * k, 0.0, 0.0), *DEPTHS)
+    for k in range(40):
+        found = sunk(tracks, (1.77 - 0.03 * k, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
+        back = 0.03 * k
+        if 0.0 < back < 1.0 - WIDTH or back > 1.0:  # between them the wheel is in part of a track
+            assert found[::2] == pytest.approx([0.03 if back > 1.0 else 0.02, 0.04])
+            assert found[1::2] == pytest.approx([0.03, 0.04])
+
+
+@pytest.mark.parametrize("part", [0.3, 0.8])
+def test_beside_a_track_its_depth_counts_by_what_is_covered(part: float) -> None:
+    tracks = sinking()
+    for k in range(60):
+        sunk(tracks, (0.03 * k, 0.0, 0.0), *DEPTHS)
+    found = tracks.depth(at(1.8, part * WIDTH))[0].tolist()
+    assert found[1::2] == pytest.approx([(1.0 - part) * 0.02, (1.0 - part) * 0.04], rel=1e-6)
+
+
+def test_places_that_are_forgotten_take_their_depths_along() -> None:
+    tracks = sinking()
+    deeper = [0.01 + 1e-5 * k for k in range(LONGEST + 50)]
+    before = [sunk(tracks, (0.002 * k, 0.0, 0.0), *[each] * 4) for k, each in enumerate(deeper)]
+    assert before[-1][1] == pytest.approx(deeper[-1 - 500], abs=2.5e-5)  # which is 1 m behind

@@ -133,7 +133,7 @@ def test_on_the_spot_a_rover_rolls_in_its_own_tracks_for_ever() -> None:
     for _ in range(60):
         simulation.step(*command)
     assert len(simulation._tracks._trail) <= LONGEST
-    assert bool((simulation._tracks.passes(simulation._wheel_places()) >= 0.0).all())
+    assert bool((simulation._tracks.passes(simulation.wheel_places()) >= 0.0).all())
 
 
 def test_in_a_turn_rear_wheels_find_less_of_a_rut_than_straight_ahead() -> None:
