@@ -65,13 +65,14 @@ class Known:
     constants_sd: float = 0.0  # [1] relative deviation of each; 0: exact
 
 
-def standing(chassis: Chassis, sample: BodySample, angle: Tensor) -> Stance:
+def standing(chassis: Chassis, steering: Tensor, joints: Tensor, angle: Tensor) -> Stance:
     """Return how the wheels stand at contact angles ``angle`` [drives, wheels] [rad].
 
-    The ground leans along their headings alone; joints are those of the sample.
+    The ground leans along their headings alone. ``steering`` [drives, wheels] and the angles of the
+    ``joints`` [drives, J] are in rad.
     """
-    hub, pivots = turned(chassis, sample.joints)
-    ahead = torch.stack([torch.cos(sample.steering), torch.sin(sample.steering)], -1)
+    hub, pivots = turned(chassis, joints)
+    ahead = torch.stack([torch.cos(steering), torch.sin(steering)], -1)
     normal = torch.cat(
         [-torch.sin(angle).unsqueeze(-1) * ahead, torch.cos(angle).unsqueeze(-1)], -1
     )
@@ -99,7 +100,7 @@ def information(sample: BodySample, strength: Tensor, known: Known = Known()) ->
         motion = WheelMotion(rolled * speed, along * speed, across * speed)
         return body_rows(
             chassis, motion, sinkage, sample.steering, ground, quadrature(6),
-            stance=standing(chassis, sample, angle),
+            stance=standing(chassis, sample.steering, sample.joints, angle),
         )  # fmt: skip
 
     def spread(value: Tensor, relative: float, floor: float) -> Tensor:
