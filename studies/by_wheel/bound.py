@@ -13,17 +13,23 @@ from torch import Tensor
 
 from studies import lateral
 from studies.by_wheel.drives import SEED, ended, model_by_wheel
-from studies.off_plane import SOIL
+from studies.by_wheel.motions import TYPICAL, YAW_RATES, Motion, driven_of, motions
+from studies.off_plane import SAMPLES, SOIL, Kind
 from terrain_estimator.learning.by_wheel import ROLL_BIAS_SD
 from terrain_estimator.learning.observing import observed
+from terrain_estimator.model.physics import UNCERTAIN, uncertain_constants
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terramechanics.contact.rolling import WheelMotion
 from terramechanics.contact.stresses import quadrature
+from terramechanics.presets import load_rover
 from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.simulation.sensors import LATERAL_SD, YAW_RATE_SD, Noise
 from terramechanics.simulation.spatial import BodySample
 from terramechanics.vehicle.body_rows import body_rows
+from terramechanics.vehicle.chassis import Chassis, Stance
 from terramechanics.vehicle.rover import Rover, Wheel
+from terramechanics.vehicle.stance import turned
+from terramechanics.vehicle.wheel_balances import motion_across
 from terramechanics.vehicle.wheel_places import WheelPlaces
 
 TURNING = (0.0, 0.3, 0.6)
@@ -49,38 +55,79 @@ SKID = Rover(
 """The rover of lateral, whose wheels are in the order of wheel_order."""
 
 
-def information(sample: BodySample, strength: Tensor) -> lateral.Matrices:
+@dataclasses.dataclass(frozen=True, slots=True)
+class Known:
+    """The rover and the ground of a bound, and what is known of them."""
+
+    chassis: Chassis = lateral.SKID
+    sinkage_floor: float = lateral.SINKAGE_FLOOR  # [m] constant part of the sinkage's deviation
+    constants: Tensor | None = None  # [drives, 6] of the ground, by default those of SOIL
+    constants_sd: float = 0.0  # [1] relative deviation of each; 0: exact
+
+
+def standing(chassis: Chassis, steering: Tensor, joints: Tensor, angle: Tensor) -> Stance:
+    """Return how the wheels stand at contact angles ``angle`` [drives, wheels] [rad].
+
+    The ground leans along their headings alone. ``steering`` [drives, wheels] and the angles of the
+    ``joints`` [drives, J] are in rad.
+    """
+    hub, pivots = turned(chassis, joints)
+    ahead = torch.stack([torch.cos(steering), torch.sin(steering)], -1)
+    normal = torch.cat(
+        [-torch.sin(angle).unsqueeze(-1) * ahead, torch.cos(angle).unsqueeze(-1)], -1
+    )
+    return Stance(hub, normal, torch.zeros_like(angle), pivots)
+
+
+def information(sample: BodySample, strength: Tensor, known: Known = Known()) -> lateral.Matrices:
     """Return what lateral.information does, with the errors that a model by wheel is told.
 
-    Motion across comes from one lateral velocity and one yaw rate. Mass, centre of mass, along and
-    to the left, and a constant error of the roll are four parameters more.
+    Motion across comes from one lateral velocity and one yaw rate; contact angles are measured, and
+    how the ground leans aside is known. Mass, centre of mass, along and to the left, and a constant
+    error of the roll are four parameters more, and the soil constants where they are not exact.
     """
-    noise, constants = Noise(), SOIL.constants()
-    slip, chassis = sample.slip, lateral.SKID
+    noise, chassis = Noise(), known.chassis
+    ground = SOIL.constants() if known.constants is None else known.constants.unsqueeze(-2)
+    slip = sample.slip
     theta = torch.cat([strength, torch.ones_like(strength[:, :1])], -1).unsqueeze(-1)
     places = torch.tensor(chassis.wheel_x, dtype=torch.float64)
-    hub = sample.velocity[:, 1:2] + sample.velocity[:, 2:3] * places
+    from_centre = places - chassis.centre[0]
+    left = sample.velocity[:, 1:2] + sample.velocity[:, 2:3] * from_centre
 
-    def rows(slip: Tensor, hub: Tensor, sinkage: Tensor) -> Tensor:
-        motion = WheelMotion(sample.rim, sample.rim * (1.0 - slip), hub)
-        return body_rows(chassis, motion, sinkage, sample.steering, constants, quadrature(6))
+    def rows(slip: Tensor, left: Tensor, sinkage: Tensor, angle: Tensor, ground: Tensor) -> Tensor:
+        rolled, along, across = motion_across(slip, sample.rim, sample.steering, left)
+        speed = sample.rim.abs()
+        motion = WheelMotion(rolled * speed, along * speed, across * speed)
+        return body_rows(
+            chassis, motion, sinkage, sample.steering, ground, quadrature(6),
+            stance=standing(chassis, sample.steering, sample.joints, angle),
+        )  # fmt: skip
 
     def spread(value: Tensor, relative: float, floor: float) -> Tensor:
         return torch.sqrt((relative * value) ** 2 + floor**2)
 
-    at, columns = rows(slip, hub, sample.sinkage), []
+    inputs = [slip, left, sample.sinkage, sample.contact_angle, ground]
+    at, columns, unknown = rows(*inputs), [], []
     small, none = 1e-4, torch.zeros_like(slip)
-    slips = spread(slip, noise.slip_relative, noise.slip)
-    sinkages = spread(sample.sinkage, noise.sinkage_relative, lateral.SINKAGE_FLOOR)
-    moves = [(LATERAL_SD * torch.ones_like(hub), 1), (YAW_RATE_SD * places + none, 1)]
+
+    def change(step: Tensor, which: int) -> Tensor:
+        moved = [value + small * step if k == which else value for k, value in enumerate(inputs)]
+        return ((rows(*moved) - at) @ theta).squeeze(-1) / small
+
+    spreads = {
+        0: spread(slip, noise.slip_relative, noise.slip),
+        2: spread(sample.sinkage, noise.sinkage_relative, known.sinkage_floor),
+        3: none + noise.contact_angle,
+    }
+    columns = [change(none + LATERAL_SD, 1), change(YAW_RATE_SD * places + none, 1)]
     for wheel in range(chassis.wheels):
         own = torch.zeros_like(slip)
         own[:, wheel] = 1.0
-        moves += [(own * slips, 0), (own * sinkages, 2)]
-    for step, which in moves:
-        inputs = [slip, hub, sample.sinkage]
-        inputs[which] = inputs[which] + small * step
-        columns.append(((rows(*inputs) - at) @ theta).squeeze(-1) / small)
+        columns += [change(own * spreads[which], which) for which in spreads]
+    if known.constants_sd:
+        varied = uncertain_constants(SOIL.constants().unsqueeze(0), known.constants_sd,
+                                     chassis.wheel_width)[0]  # fmt: skip
+        unknown = [change(step, 4).unsqueeze(-1) for step in varied]
     jacobian = torch.stack(columns, -1)
     unit = 0.3 * chassis.wheel_radius * chassis.weight / chassis.wheels
     torque = spread(sample.forces[..., 2], noise.torque_relative, noise.torque_of_load * unit)
@@ -98,7 +145,7 @@ def information(sample: BodySample, strength: Tensor) -> lateral.Matrices:
     body = torch.zeros(len(slip), at.shape[-2], 4, dtype=torch.float64)
     for parameter, row in enumerate((3, 4, 5, 1)):
         body[:, row, parameter] = -chassis.weight
-    features = torch.cat([at[..., :2], body], -1)
+    features = torch.cat([at[..., :2], body, *unknown], -1)
     return features, jacobian @ jacobian.mT + own.diag_embed(), -(by_velocity**2).diag_embed()
 
 
@@ -147,3 +194,44 @@ def bound_lines(drives: int = lateral.DRIVES) -> Iterator[tuple[str, ...]]:
 
 HALF = 0.6745
 """Median of the absolute value of a standard normal variable."""
+
+
+MOTION_BOUND_HEAD = ("motion", "bound, c / tan phi", "over that of straight drives on such ground")
+
+
+def motion_bound_lines(kind: Kind, samples: int = SAMPLES) -> Iterator[tuple[str, ...]]:
+    """Yield the bound of turns and of straight drives on each ground of a rover's table.
+
+    They are the drives of that table, with its prior of the soil constants.
+    """
+    rover, prior = load_rover(kind.rover), DEFAULT_PRIOR
+    chassis = Chassis.of(rover, kind.track, kind.yaw_inertia)
+    deviations = (
+        *lateral.PRIOR_SD, prior.mass_sd, prior.centre_of_mass_sd, prior.centre_of_mass_sd,
+        ROLL_BIAS_SD, *(1.0,) * len(UNCERTAIN),
+    )  # fmt: skip
+    straight: dict[float, Tensor] = {}
+    for motion in sorted(plainly(kind), key=lambda each: each.yaw_rate):
+        driven, strength, constants, _ = driven_of(kind, motion, samples)
+        known = Known(chassis, rover.sinkage_noise_floor, constants, prior.constants_sd)
+        matrices = [information(sample, strength, known) for sample in driven]
+        rows = tuple(range(matrices[0][0].shape[-2]))
+        bound = (lateral.bound(matrices, rows, deviations)[:, :2] / strength).median(0).values
+        ground = motion.lengths[0] if motion.uneven else 0.0
+        over = bound / straight.setdefault(ground, bound)
+        yield (
+            motion.words,
+            f"{100.0 * float(bound[0]):.1f} / {100.0 * float(bound[1]):.2f} %",
+            f"{float(over[0]):.2f} / {float(over[1]):.2f}" if motion.yaw_rate else "",
+        )
+
+
+def plainly(kind: Kind) -> list[Motion]:
+    """Return the straight and the typical motion of a rover on each ground, every sensor there."""
+    rates = (0.0, YAW_RATES[kind.rover][TYPICAL[kind.rover]])
+    return [
+        each
+        for each in motions(kind.rover)
+        if each == Motion(each.words, each.yaw_rate, uneven=each.uneven, lengths=each.lengths)
+        and each.yaw_rate in rates
+    ]

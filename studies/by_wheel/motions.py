@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from studies.by_wheel.drives import SEED, compiled, ended, model_by_wheel
 from studies.off_plane import (
@@ -31,6 +32,7 @@ from terramechanics.effects import EFFECTS
 from terramechanics.presets import load_rover
 from terramechanics.simulation.body_plant import BodyPlant
 from terramechanics.simulation.plant import Plant
+from terramechanics.simulation.spatial import BodySample
 from terramechanics.terrain.surface import WAVELENGTHS, Surface, random_waves
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.steering import steered_command
@@ -184,6 +186,23 @@ def motions(rover: str) -> list[Motion]:
     ]
 
 
+def driven_of(
+    kind: Kind, motion: Motion, samples: int, effects: BodyPlant | None = None
+) -> tuple[list[BodySample], Tensor, Tensor, torch.Generator]:
+    """Return the samples of all drives of a motion, their strength [drives, 2] and soil constants.
+
+    The constants are [drives, 6]; the generator is that of the sensors' noise.
+    """
+    generator = torch.Generator().manual_seed(SEED)
+    drawn = torch.rand(DRIVES, 6, generator=generator, dtype=torch.float64)
+    constants = SOIL.constants() * (1.0 + CONSTANTS_OFF * (2.0 * drawn - 1.0))
+    driven, strength = simulated(
+        kind, motion.yaw_rate, motion.lean, samples, constants, generator,
+        (motion.shift, -motion.shift), motion.surface(), effects,
+    )  # fmt: skip
+    return driven, strength, constants, generator
+
+
 def lines(
     kind: Kind,
     chosen: Sequence[Motion],
@@ -210,16 +229,9 @@ def lines(
             if compile_core:
                 models[gain_sd] = compiled(path)
     for motion in chosen:
-        generator = torch.Generator().manual_seed(SEED)
-        drawn = torch.rand(DRIVES, 6, generator=generator, dtype=torch.float64)
-        constants = SOIL.constants() * (1.0 + CONSTANTS_OFF * (2.0 * drawn - 1.0))
-        shift = (motion.shift, -motion.shift)
         effects = hidden_effect(motion.hidden, rover) if motion.hidden else None
-        driven, strength = simulated(
-            kind, motion.yaw_rate, motion.lean, samples, constants, generator, shift,
-            motion.surface(), effects,
-        )  # fmt: skip
-        found = observed(rover, driven, order, generator, effects, shift[0])[:drives]
+        driven, strength, _, generator = driven_of(kind, motion, samples, effects)
+        found = observed(rover, driven, order, generator, effects, motion.shift)[:drives]
         found = [motion.misread(drive, generator) for drive in found]
         if not motion.angles:
             found = [[without_angles(each) for each in drive] for drive in found]

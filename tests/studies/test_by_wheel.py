@@ -8,13 +8,27 @@ import numpy as np
 import pytest
 import torch
 
-from studies import lateral
+from studies import lateral, off_plane
 from studies.by_wheel import added, bound
-from studies.by_wheel.bound import BOUND_HEAD, SKID, bound_lines, information
+from studies.by_wheel import motions as motions_module
+from studies.by_wheel.bound import (
+    BOUND_HEAD,
+    MOTION_BOUND_HEAD,
+    SKID,
+    Known,
+    bound_lines,
+    information,
+    motion_bound_lines,
+    standing,
+)
 from studies.by_wheel.motions import HEAD, Motion, lines, motions
 from studies.by_wheel.stops import STOP_HEAD, by_axle, stop_lines
 from studies.off_plane import KINDS
 from terrain_estimator.learning.observing import observed
+from terrain_estimator.model.physics import UNCERTAIN
+from terramechanics.presets import load_rover
+from terramechanics.simulation.sensors import Noise
+from terramechanics.vehicle.chassis import Chassis
 from terramechanics.vehicle.wheel_places import wheel_order
 from tests.hidden.sensing import Sensed
 from tests.turning_hidden import SKID as TURNING_SKID
@@ -106,6 +120,67 @@ def test_more_that_is_unknown_widens_the_bound(monkeypatch: pytest.MonkeyPatch) 
     assert turning == "to 0.6 rad/s"
     assert len(found) == len(BOUND_HEAD) - 1
     assert all(float(value) > 0.8 for value in found[2].split(" / "))
+
+
+def test_the_bound_counts_the_noise_of_contact_angles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a plane the force ahead of a wheel changes by its load per rad."""
+    samples, strength = lateral.drive(0.6)
+    _, noisy, _ = information(samples[-1], strength)
+    sd = Noise().contact_angle
+    monkeypatch.setattr(bound, "Noise", lambda: Noise(contact_angle=0.0))
+    _, exact, _ = information(samples[-1], strength)
+    load = samples[-1].forces[..., 0]
+    expected = (load**2).sum(-1) * sd**2
+    torch.testing.assert_close((noisy - exact)[:, 0, 0], expected, rtol=0.01, atol=0.0)
+
+
+def test_wheels_of_the_bound_stand_at_their_contact_angles() -> None:
+    rover = load_rover("mars_rover")
+    chassis = Chassis.of(rover, 1.0, 20.0)
+    generator = torch.Generator().manual_seed(4)
+    angle, steering = 0.2 * torch.randn(2, 3, 6, generator=generator, dtype=torch.float64)
+    joints = 0.1 * torch.randn(3, 3, generator=generator, dtype=torch.float64)
+    stance = standing(chassis, steering, joints, angle)
+    torch.testing.assert_close(stance.contact_angle(steering), angle)
+    _, left, up, _ = stance.axes(steering)
+    torch.testing.assert_close(left[..., 2], torch.zeros_like(angle))
+    torch.testing.assert_close(up.norm(dim=-1), torch.ones_like(angle))
+    flat = standing(chassis, steering, 0.0 * joints, 0.0 * angle)
+    level = chassis.balance_matrix(steering)
+    torch.testing.assert_close(chassis.balance_matrix(steering, flat), level)
+
+
+def test_each_ground_has_a_bound_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three drives of 4 s of steered wheels: turns stand beside straight drives on that ground."""
+    for module in (motions_module, off_plane):
+        monkeypatch.setattr(module, "DRIVES", 3)
+    found = list(motion_bound_lines(KINDS[1], samples=40))
+    assert all(len(line) == len(MOTION_BOUND_HEAD) for line in found)
+    words = [line[0] for line in found]
+    turn = "0.05 rad/s commanded"
+    grounds = ("", ", hills of 5°", ", bumps of 5°")
+    assert words == [f"{start}{end}" for start in ("straight, level", turn) for end in grounds]
+    values = [[float(value.rstrip(" %")) for value in line[1].split(" / ")] for line in found]
+    for (_, _, over), straight, turning in zip(found[3:], values, values[3:], strict=False):
+        expected = np.divide(turning, straight)
+        stated = [float(value) for value in over.split(" / ")]
+        np.testing.assert_allclose(stated, expected, rtol=0.02)
+    assert all(line[2] == "" for line in found[:3])
+    assert len({line[1] for line in found}) == 6
+
+
+def test_unknown_soil_constants_widen_the_bound() -> None:
+    samples, strength = lateral.drive(0.3)
+    rows, prior = tuple(range(10)), (*lateral.PRIOR_SD, 0.01, 0.02, 0.02, 0.01)
+    exact, unknown = (
+        lateral.bound([information(sample, strength, known) for sample in samples], rows, sds)
+        for known, sds in (
+            (Known(), prior),
+            (Known(constants_sd=0.03), (*prior, *(1.0,) * len(UNCERTAIN))),
+        )
+    )
+    assert (unknown[:, :2] >= exact[:, :2]).all()
+    assert (unknown[:, 0] > 1.01 * exact[:, 0]).any()
 
 
 @pytest.mark.parametrize(

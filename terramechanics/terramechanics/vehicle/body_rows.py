@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from terramechanics.contact.rolling import WheelMotion, compiled_rolling_forces
-from terramechanics.vehicle.chassis import Chassis
+from terramechanics.vehicle.chassis import Chassis, Stance
 
 PLANAR = 3
 """Rows of the forces along x and y and of the yaw moment, which come before all others."""
@@ -24,11 +24,13 @@ def body_rows(
     constants: Tensor,
     nodes: Tensor,
     slowest: float = 0.0,
+    stance: Stance | None = None,
 ) -> Tensor:
     """Return the coefficients of balances and torques [..., 6 + J + wheels, 3].
 
     ``motion``, ``sinkage`` [m] and ``steering`` [rad] are [..., wheels], ``constants`` spread to
-    [..., wheels, 6] in the order of CONSTANTS; ``nodes`` and ``slowest`` as in rolling_forces.
+    [..., wheels, 6] in the order of CONSTANTS; ``nodes`` and ``slowest`` as in rolling_forces. The
+    ``stance`` is that of a plane by default.
     Columns: c [Pa], tan(phi) [1], 1. Rows: forces along x and y [N] and yaw moment [N m], force
     along z [N], moments nose-up and left side up and those of the joints [N m], then the torque M
     of every wheel [N m].
@@ -39,5 +41,5 @@ def body_rows(
     forces = compiled_rolling_forces()(
         motion, sinkage, constants, chassis.wheel_radius, chassis.wheel_width, nodes, None, slowest
     )
-    sums = torch.einsum("...hwf,...wfk->...hk", chassis.balance_matrix(steering), forces)
+    sums = torch.einsum("...hwf,...wfk->...hk", chassis.balance_matrix(steering, stance), forces)
     return torch.cat([sums, forces[..., 2, :]], -2)
