@@ -237,7 +237,7 @@ class BodySimulation:
         self._attitude, self._stance = solve_stance(
             self.chassis, self._surface, self.position, self.heading, self._attitude
         )
-        factors = self._field.factors(self._wheel_places())
+        factors = self._field.factors(self.wheel_places())
         constants = self._constants.clone()
         constants[..., _STIFFNESS] *= factors[..., 2:]
         step = BodyStep.of(
