@@ -160,6 +160,12 @@ def without_angles(observation: Observation) -> Observation:
     return dataclasses.replace(observation, contact_angle=none, contact_angle_sd=none)
 
 
+def without_torques(observation: Observation) -> Observation:
+    """Return an observation of a rover that does not measure torques."""
+    none = np.full_like(observation.torque, np.nan)
+    return dataclasses.replace(observation, torque=none, torque_sd=none)
+
+
 def motions(rover: str) -> list[Motion]:
     """Return the motions of a rover's table."""
     straight = Motion("straight, level")
@@ -235,9 +241,10 @@ def lines(
         found = [motion.misread(drive, generator) for drive in found]
         if not motion.angles:
             found = [[without_angles(each) for each in drive] for drive in found]
+        if not motion.torques:
+            found = [[without_torques(each) for each in drive] for drive in found]
         core = CoreConfig(
             use_sinkage=motion.sinkages,
-            use_torque=motion.torques,
             contact_angle_sd=0.0 if motion.angles else ANGLE_SD,
         )
         result = ended(models[motion.gain_sd], found, strength.numpy()[:drives], core)

@@ -5,7 +5,6 @@
 Called by ``make foreign-turns``, which prints the tables of docs/lateral.md.
 """
 
-import dataclasses
 import math
 import sys
 import tempfile
@@ -19,7 +18,7 @@ import torch
 from scipy.stats import norm
 
 from studies.by_wheel.drives import model_of_soils
-from studies.by_wheel.motions import ANGLE_SD, without_angles
+from studies.by_wheel.motions import ANGLE_SD, without_angles, without_torques
 from studies.command import study_parser
 from studies.foreign.logs import (
     TURNS,
@@ -97,12 +96,6 @@ class Sensors:
     words: str
     core: CoreConfig
     read: Callable[[Observation], Observation] = lambda observation: observation
-
-
-def without_torques(observation: Observation) -> Observation:
-    """Return an observation of a rover that does not measure torques."""
-    none = np.full_like(observation.torque, np.nan)
-    return dataclasses.replace(observation, torque=none, torque_sd=none)
 
 
 SENSORS = (

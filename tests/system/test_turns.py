@@ -25,7 +25,7 @@ def test_turns_are_used_live_and_the_replay_gives_the_same_bytes(
     estimator.wait_for_output("ready: model four_wheel_rover_by_wheel", timeout=60.0)
     assert "leave the ground to the prior" not in estimator.output
     noisy = [f"default_sd.{each}:=5.0" for each in ("velocity", "lateral_velocity", "yaw_rate")]
-    poor = [f"model:={model}", *noisy, "default_sd.pitch:=1.0", "use_torque:=false"]
+    poor = [f"model:={model}", *noisy, "default_sd.pitch:=1.0", "torque_noise.absolute:=1e4"]
     poor += ["use_moments:=false", "use_imu:=false"]
     refused = start(
         "terrain_estimator", "estimator", "--ros-args", "-r", "__node:=poor",

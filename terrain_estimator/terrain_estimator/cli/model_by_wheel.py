@@ -4,8 +4,9 @@
 
 It is the rover's physics alone, so that nothing is trained. The estimator takes it as any model and
 then uses turns, cross slopes, skid steering and backing out, where a model by axle refuses them.
-It needs lateral velocity, yaw rate and roll, and of every wheel the rate, and the sinkage or the
-torque. Beside it lie reference drives of the rover, by which the estimator judges its sensors.
+It needs lateral velocity, yaw rate and roll, and rate and torque of every wheel; sinkages where
+balances do not tell them. Beside it lie reference drives of the rover, by which the estimator
+judges its sensors.
 
 Exit codes: 0 written and checked; 2 an argument, rover or soil file is wrong.
 """

@@ -220,7 +220,8 @@ class Consistency:
 
         Without sinkages a drag of the drives looks like another ground, and no second has the load
         row. Half of them have to have it. The velocity alone is fitted by other soil constants,
-        too, with another c and tan phi.
+        too, with another c and tan phi. By wheel nothing but torques tells c from tan phi: half of
+        the seconds have to have them.
         """
         last = np.isfinite(self.judged[-WINDOWS[0] :, 2 : 2 + len(self.rows)])
         if {self.rows[row] for row in np.flatnonzero(last.any(0))} == {"velocity"}:
@@ -229,6 +230,9 @@ class Consistency:
                 " from the ground"
             )
         judged = np.count_nonzero(last.any(1))
+        torques = [k for k, row in enumerate(self.rows) if row.startswith("torque")]
+        if "yaw_rate" in self.rows and np.count_nonzero(last[:, torques].any(1)) < judged / 2:
+            return "without torques nothing tells c from tan phi in a model by wheel"
         if np.count_nonzero(last[:, self.rows.index("load")]) >= judged / 2:
             return ""
         return "without sinkages nothing tells a drag of the drives from the ground"

@@ -73,6 +73,11 @@ class Estimator:
                 " effects, another contact law, a torque gain that is not known, more axles than"
                 " balances tell the loads of, or the velocity row alone: set it to true"
             )
+        if model.metadata.wheels and not config.use_torque:
+            raise ConfigError(
+                f"parameter use_torque: model {model.model_id} is by wheel, and without torques"
+                " nothing tells c from tan phi, so that its intervals do not hold: set it to true"
+            )
         if model.metadata.velocity_alone:
             config = config.of_velocity_alone()
         self._config, self._balances_sinkage = config, model.balances_sinkage

@@ -512,3 +512,17 @@ def test_what_needs_a_model_by_axle_refuses_one_by_wheel(skid: LoadedModel) -> N
             places_of(skid.rover, steered=False),
             [dataclasses.replace(LOOSE, law="scm", c2=0.0)],
         )
+
+
+def test_a_model_by_wheel_needs_torques(skid: LoadedModel) -> None:
+    with pytest.raises(ConfigError, match=r"use_torque: model skid.* is by wheel.*set it to true"):
+        Estimator(skid, CoreConfig(use_torque=False))
+    estimator = Estimator(skid, CoreConfig())
+    nothing = np.full(4, math.nan)
+    updates = [
+        estimator.update(dataclasses.replace(each, torque=nothing, torque_sd=nothing))
+        for each in observations(skid, SKID, 5.0)
+    ]
+    last = updates[-1]
+    assert last.unconfirmed == "without torques nothing tells c from tan phi in a model by wheel"
+    assert last.estimate.identified == (False, False)
