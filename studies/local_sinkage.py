@@ -121,9 +121,10 @@ def lines(found: dict[str, list[tuple[Update, Status]]], truth: Floats) -> Itera
         spread = np.array([np.sqrt(np.diag(each.covariance)) for each in estimates])
         deviations[reference] = spread
         held = np.array([(each.lower_95, each.upper_95) for each in estimates])
-        holds = ((held[:, 0] <= truth) & (truth <= held[:, 1])).sum(0)
+        inside = (held[:, 0] <= truth) & (truth <= held[:, 1])
+        holds = inside.sum(0)
         error, stated = (100.0 * np.median(np.abs(x) / truth, 0) for x in (mean - truth, spread))
-        identified = sum(status is Status.IDENTIFIED for _, status in ends)
+        identified = np.array([status is Status.IDENTIFIED for _, status in ends])
         ranges = [limits(int(count), len(ends)) for count in holds]
         shown = [
             f"{count} of {len(ends)} ({100.0 * low:.0f} to {100.0 * high:.0f} %)"
@@ -132,7 +133,7 @@ def lines(found: dict[str, list[tuple[Update, Status]]], truth: Floats) -> Itera
         yield (
             f"{reference}: intervals hold c {shown[0]}, tan phi {shown[1]}; median error"
             f" {error[0]:.1f} / {error[1]:.1f} %, stated {stated[0]:.1f} / {stated[1]:.1f} %;"
-            f" IDENTIFIED {identified}"
+            f" IDENTIFIED {identified.sum()}, of these wrong {(identified & ~inside.all(1)).sum()}"
         )
     apart = (means[LOCAL] - means[UNDISTURBED]) / deviations[UNDISTURBED]
     mean, root = apart.mean(0), np.sqrt((apart**2).mean(0))

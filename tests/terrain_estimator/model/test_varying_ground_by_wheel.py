@@ -29,6 +29,7 @@ from terramechanics.presets import load_rover, load_soil
 from terramechanics.terrain.field import random_mesh
 from terramechanics.vehicle.wheel_balances import motion_across
 from terramechanics.vehicle.wheel_places import WheelPlaces
+from tests.samples import sampled
 
 SOIL = load_soil("loose_sand")
 SD = 0.03
@@ -137,13 +138,14 @@ def test_no_effect_is_added_to_such_a_model(turning: LoadedModel) -> None:
 
 
 def test_a_model_for_such_ground_fits_it() -> None:
-    """Skid-steer, ground that varies by 5 %, 12 drives of 40 s.
+    """Skid-steer, ground that varies by 5 %, 6 drives of 40 s, 24 in `make test-long`.
 
-    With a true coverage of 95 % fewer than 9 of 12 hold once in 450 times. One for even ground
-    disagrees in half of such drives.
+    With a true coverage of 95 % fewer than 4 of 6, or 19 of 24, hold once in 450 times or less. One
+    for even ground disagrees in half of such drives.
     """
-    (line,) = varying_lines(KINDS[0], 12, 400, [(0.05, 0.05)])
-    assert min(int(held) for held in line[5].split(" / ")) >= 9
+    drives, least = sampled((6, 4), (24, 19))
+    (line,) = varying_lines(KINDS[0], drives, 400, [(0.05, 0.05)])
+    assert min(int(held) for held in line[5].split(" / ")) >= least
     assert int(line[3]) <= 1
 
 
