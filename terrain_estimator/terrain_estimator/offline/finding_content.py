@@ -9,6 +9,7 @@ from typing import Any
 
 from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
 from terrain_estimator.discovery.hypotheses.library import ON_REQUEST, Hypothesis
+from terrain_estimator.discovery.hypotheses.rover_doubt import STANDS_FOR
 from terrain_estimator.discovery.proof.gap import Gap
 from terrain_estimator.discovery.proof.soil_proof import Proven
 from terrain_estimator.discovery.report.diagnosis import Diagnosis
@@ -19,6 +20,7 @@ from terrain_estimator.offline.revised_soils import refuted_content, soils_conte
 from terrain_estimator.pages.finding_words import (
     constant_words,
     doubt_note,
+    exact_words,
     ground_words,
     not_tried_words,
     soil_words,
@@ -38,6 +40,7 @@ def finding_content(
     judgement = finding.judgement
     after = judgement.named[0] if judgement.named else None
     constants = [each.plain() for each in finding.constants]
+    exact = exact_constants(finding)
     return {
         "verdict": str(judgement.verdict),
         "probabilities": judgement.probabilities,
@@ -57,6 +60,7 @@ def finding_content(
         ],
         **diagnosis.plain(),
         **({"rover_constants": constants} if constants else {}),
+        **({"exact_constants": exact} if exact else {}),
         "soils": soils_content(outcome),
         "refuted_soils": refuted_content(outcome),
         "soil_proof": _soil_proof(outcome),
@@ -107,6 +111,14 @@ def _parameters(finding: Finding, hypothesis: Hypothesis | None) -> dict[str, li
     }
 
 
+def exact_constants(finding: Finding) -> list[str]:
+    """Return the constants of the rover that count as exact and have a named effect beside them."""
+    named = {name for hypothesis in finding.judgement.named for name in hypothesis.names}
+    doubted = {each.name for each in finding.constants}
+    found = (constant for effect, constant in STANDS_FOR.items() if effect in named)
+    return [each for each in found if each not in doubted]
+
+
 def finding_sentence(outcome: Proven, diagnosis: Diagnosis) -> str:
     """Return the verdict in words, and the result on the held-out runs."""
     unproven = "no run is held out: the finding is unproven, give a third run or --hold-out"
@@ -115,6 +127,7 @@ def finding_sentence(outcome: Proven, diagnosis: Diagnosis) -> str:
         not_tried_words(not_tried(outcome.finding.judgement, diagnosis)),
         *map(soil_words, [*soils_content(outcome), *refuted_content(outcome)]),
         *(constant_words(each.plain()) for each in outcome.finding.constants),
+        exact_words(exact_constants(outcome.finding)),
         outcome.proof.sentence if outcome.proof else unproven,
         outcome.soil_sentence,
     ]

@@ -41,6 +41,8 @@ def verdict(finding: Mapping[str, Any]) -> Headline:
         headline = before + headline.removeprefix("The model lacks ")
         most = Markup("The most probable answer is that {} ({}). ")
         sentence = most.format(likely, probability(finding["probabilities"][leader])) + sentence
+    if exact := exact_words(finding.get("exact_constants") or ()):
+        sentence += Markup(" {}.").format(_capital(exact))
     first = opening(finding)
     if first:
         sentence = first + Markup(" ") + sentence
@@ -192,6 +194,18 @@ def constant_words(constant: Mapping[str, Any]) -> str:
         f"rover: {name} {constant['found']:.4g} +- {constant['found_sd']:.2g} {unit}, told"
         f" {constant['told']:.4g} +- {constant['told_sd']:.2g}: moved by {moved:+.1f} stated"
         " deviations"
+    )
+
+
+def exact_words(constants: Sequence[str]) -> str:
+    """Return in one line that these ``constants`` of the rover count as exact; empty for none."""
+    if not constants:
+        return ""
+    names = words([_CONSTANTS[each] for each in constants])
+    stated = ",".join(f"{each}=SD" for each in constants)
+    return (
+        f"the rover file's {names} may be wrong instead, and counts as exact here: measure it"
+        f" again, or say how well it is known by --rover-sd {stated} (models by axle)"
     )
 
 

@@ -34,6 +34,7 @@ from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.discovery.report.investigation import investigate
 from terrain_estimator.discovery.runs import Blocks, RecordedRun, cut
 from terrain_estimator.learning.tasks import measure_tasks
+from terrain_estimator.offline.finding_content import exact_constants
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.sample import Drive
 from terramechanics.simulation.sensors import Noise
@@ -90,6 +91,7 @@ def test_a_mass_that_is_off_is_called_a_payload_where_the_file_counts_as_exact()
     assert finding.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
     assert finding.judgement.named[0].label == "payload"
     assert finding.constants == []
+    assert "mass" in exact_constants(finding)
 
 
 def test_a_mass_within_its_stated_deviation_is_none_and_is_found() -> None:
@@ -97,6 +99,7 @@ def test_a_mass_within_its_stated_deviation_is_none_and_is_found() -> None:
     assert finding.judgement.verdict is Verdict.NONE
     [mass] = finding.constants
     assert (mass.name, mass.effect, mass.named) == ("mass", "payload", False)
+    assert exact_constants(finding) == []
     assert abs(mass.moved - 1.0) < 3.0 * mass.moved_sd < 1.5
     assert not mass.is_notable
     entry = mass.plain()

@@ -176,6 +176,15 @@ def test_effects_that_act_together_are_one_alternative() -> None:
     assert "<h1>The model lacks drive_drag with payload or coulomb_drag</h1>" in finding_page(given)
 
 
+def test_an_effect_that_stands_for_an_exact_constant_is_said_to_be_one() -> None:
+    words = "The rover file&#39;s mass may be wrong instead, and counts as exact here"
+    given = finding("named") | PLAIN
+    assert words not in finding_page(given)
+    text = finding_page(given | {"exact_constants": ["mass"]})
+    assert words in text
+    assert "by --rover-sd mass=SD" in text
+
+
 def test_names_of_runs_are_text_and_never_markup_or_formulas() -> None:
     hostile = "<script>alert(1)</script>$x"
     given = finding("named") | PLAIN
