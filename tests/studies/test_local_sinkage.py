@@ -32,5 +32,6 @@ def test_a_short_drive_is_judged(capsys: pytest.CaptureFixture[str]) -> None:
     assert one.startswith("undisturbed: intervals hold c ")
     assert other.startswith("local: intervals hold c ")
     figures = [float(each) for each in re.findall(r"[-+]?\d\.\d\d", apart)]
+    assert len(figures) == 4
     # of one drive the root mean square is the magnitude
     assert np.abs(figures[:2]).tolist() == figures[2:]

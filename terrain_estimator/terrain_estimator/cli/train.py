@@ -61,7 +61,6 @@ _ELSEWHERE = ("rover", "soil", "out", "curves", "scheduler", "workers")
 """Arguments that name places: they do not change the model, or are the metadata's own fields."""
 _WITH_NET = "_with_net"
 """End of the name of a model that has learnt features."""
-"""End of the name of a model whose ground is not the same below every axle."""
 _VELOCITY_ALONE = "_velocity_alone"
 """End of the name of a model whose velocity row alone counts."""
 _ALL, _VELOCITY = "all", "velocity"

@@ -23,7 +23,7 @@ KNOWN = 3.0
 LONGEST = 30
 """[seconds of driving] A crossing ends by then at the latest.
 
-A rover that turns on the spot travels no way. Crossings of the rovers that ship took 21 s at most
+A rover that slips in its place travels no way. Crossings of the rovers that ship took 21 s at most
 (420 drives).
 """
 REST = 45
@@ -58,10 +58,7 @@ class Crossing:
         return crosses and self.since_change < LONGEST
 
     def go(self, changed: float, way: float) -> None:
-        """Take a second that entered the posterior, or ``changed`` 0 for one that did not.
-
-        A second that is left out says nothing of the ground that the posterior knows.
-        """
+        """Take a second that entered the posterior; one that is left out finds nothing the same."""
         self.same_way = 0.0 if changed > CHANGING else min(self.same_way + way, KNOWN)
 
     @property

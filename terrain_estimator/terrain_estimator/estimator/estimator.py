@@ -346,8 +346,8 @@ class Estimator:
         self._judge()
         threshold = limit(self._config.gate_probability, degrees)
         taken = bool(report.misfit <= threshold)
-        self._consistency.crossing.go(self._change if taken else 0.0, way)
         if taken:
+            self._consistency.crossing.go(self._change, way)
             self._contradictions, self._doubt = 0, 0.0
             return None
         settled = self._discard_block()

@@ -48,6 +48,8 @@ _ON = 0.75
 """[1] Part of a wheel in a track that is known, from which on the rest does not matter."""
 _READING_S = 0.1
 """[s] From one observation to the next."""
+_NEVER = -1e9
+"""[m] Place of a front that never was."""
 _LEAST = 1e-9
 """[m] Way with which a reading counts that was taken on the spot."""
 _FARTHEST = 1e12
@@ -109,6 +111,8 @@ class WheelTracks:
         self._pose = np.zeros(4)  # x, y [m], heading [rad], variance to the side [m^2]
         self._motion = np.zeros(3)  # velocity ahead and to the left [m/s], yaw rate [rad/s]
         self._gone = 0.0  # [m] way of the fastest wheel since the begin
+        # signed way of the body, its farthest, and where the front was when it backed last [m]
+        self._ahead = np.array([0.0, 0.0, _NEVER])
         # way, and with it sinkage, its variance, the depth of the track before, its variance
         self._open = np.zeros((5, len(self._wheels)))
         self._backing = np.zeros(len(self._wheels), dtype=np.bool_)  # wheels that roll backwards
@@ -134,8 +138,7 @@ class WheelTracks:
         if back_s > 0.0:
             self.forget()  # the clock was set back
         motion = self._measured_motion(observation)
-        if motion is None:
-            self.forget()
+        if motion is None:  # as if nothing had come: a short gap is bridged
             self.lacks = "local sinkages need the rover's motion, which is not known"
             return _unknown(observation)
         turned = (observation.wheel_rate < 0.0) != self._backing
@@ -144,6 +147,8 @@ class WheelTracks:
         before = self._before(observation)
         if self._gone:  # where a wheel turns back, nobody knows on which side it measures
             before = before._replace(depth=np.where(turned, np.nan, before.depth))
+            if turned.any():
+                self.lacks = "local sinkages are not known where a wheel turns back"
         return self._converted(observation, rolled, before)
 
     def _measured_motion(self, observation: Observation) -> Floats | None:
@@ -173,6 +178,7 @@ class WheelTracks:
             if bool(turned.any()) and self._since_kept() > self._jitter:
                 self._keep(self._left())  # what wheels leave up to where they turn back
             self._backing = observation.wheel_rate < 0.0
+            self._go(0.5 * passed_s * float(self._motion[0] + motion[0]))
             self._pose = self._moved_pose(observation, motion, passed_s)
             rolled = _length(self._places() - before)
             farthest = float(rolled.max())
@@ -186,6 +192,18 @@ class WheelTracks:
         nothing = np.full(len(self._wheels), np.nan)
         self._keep(_Below(nothing, nothing))
         return np.zeros(len(self._wheels))
+
+    def _go(self, way: float) -> None:
+        """Take a signed way [m] of the body.
+
+        A rover that rocks wears out the tracks that are kept. So after any way back a wheel beside
+        them is not on fresh ground until it is beyond where the front has been.
+        """
+        before, farthest, old = self._ahead.tolist()
+        here = before + way
+        if here < farthest - self._jitter:
+            old = farthest + self._front
+        self._ahead = np.array([here, max(here, farthest), old])
 
     def _moved_pose(self, observation: Observation, motion: Floats, passed_s: float) -> Floats:
         """Return the pose after a time with the mean of two motions."""
@@ -273,10 +291,13 @@ class WheelTracks:
         jitter = np.where(self._wheels[:, 0] < self._front, 0.0, self._jitter)
         came = (np.abs(places[:, 1]) <= self._side) & (self._gone < _LENGTHS * self._reach)
         ahead = np.where(came, self._front - jitter - places[:, 0], 0.0)
-        unknown = (ahead > 0.0) & (on < 1.0) | (on < _ON) & self._backs(observation)
+        backs = self._backs(observation)
+        old = self._ahead[2] - self._ahead[0] - self._wheels[:, 0]
+        unknown = (ahead > 0.0) & (on < 1.0) | (on < _ON) & (backs | (old > 0.0))
         depth = np.where(unknown, np.nan, found.depth)
         if np.isnan(depth[~np.isnan(observation.sinkage)]).any():
-            way = ahead[np.isnan(depth)].max(initial=0.0)
+            left = ahead if backs else np.maximum(ahead, old)
+            way = left[np.isnan(depth)].max(initial=0.0)
             self.lacks = "local sinkages need the tracks of the wheels ahead: "
             self.lacks += f"known in {way:.2g} m" if way else "they are not known here"
         return _Below(depth, found.variance)
@@ -331,7 +352,7 @@ class WheelTracks:
             "tracks.stamp": np.array(self._stamp_ns, dtype=np.int64),
             "tracks.trails": np.concatenate(nodes, 1),
             "tracks.open": np.vstack([self._open, self._backing]),
-            "tracks.numbers": np.array([*self._pose, *self._motion, self._gone]),
+            "tracks.numbers": np.array([*self._pose, *self._motion, self._gone, *self._ahead]),
         }
 
     def restore(self, arrays: Arrays) -> None:
@@ -347,7 +368,7 @@ class WheelTracks:
             "tracks.stamp": ((), "int64"),
             "tracks.trails": ((min(max(count, 1), self._most), 4 * wheels + 2), "float64"),
             "tracks.open": ((6, wheels), "float64"),
-            "tracks.numbers": ((8,), "float64"),
+            "tracks.numbers": ((11,), "float64"),
         }
         shapes = {name: (each.shape, each.dtype.name) for name, each in found.items()}
         if shapes != expected:
@@ -362,15 +383,17 @@ class WheelTracks:
         opened, backing = found["tracks.open"][:5], found["tracks.open"][5]
         least = min(body[:, 1].min(), np.nanmin(np.where(np.isnan(variance), 0.0, variance)))
         ordered = bool((np.diff(body[:, 1]) >= 0.0).all() and numbers[3] >= body[-1, 1])
+        ordered &= bool(numbers[7] >= 0.0 and numbers[8] <= numbers[9])
         if not (stamp_ns >= 0 and bounded and sound and least >= 0.0 and ordered):
             raise _refused("have places, depths or variances that no drive leaves")
         opened_well = (opened[0] >= 0.0).all() and (np.abs(opened[~np.isnan(opened)]) <= _FARTHEST)
+        opened_well &= not (opened[[2, 4]] < 0.0).any()  # variances
         if not (np.all(opened_well) and np.isin(backing, (0.0, 1.0)).all()):
             raise _refused("have readings that no drive leaves")
         self._stamp_ns, self._open, self._backing = stamp_ns, opened.copy(), backing == 1.0
         self._trails = _Trails(places.reshape(count, wheels, 2), bottom, variance, body)
         self._pose, self._motion = numbers[:4].copy(), numbers[4:7].copy()
-        self._gone = float(numbers[7])
+        self._gone, self._ahead = float(numbers[7]), numbers[8:].copy()
         self.lacks = ""
 
 

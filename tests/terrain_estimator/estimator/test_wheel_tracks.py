@@ -194,7 +194,7 @@ def test_a_gap_is_bridged_up_to_a_second(gap_s: float, *, known: bool) -> None:
 
 
 @pytest.mark.parametrize("lost", [math.nan, 1e4])
-def test_without_a_velocity_nothing_is_known_and_the_tracks_begin_anew(
+def test_without_a_velocity_nothing_is_known_and_after_a_second_the_tracks_begin_anew(
     lost: float,
 ) -> None:
     tracks = planar()
@@ -202,8 +202,44 @@ def test_without_a_velocity_nothing_is_known_and_the_tracks_begin_anew(
     nothing = tracks.undisturbed(observed(read(waves, gone), 30.0, lost))
     assert np.isnan(nothing.sinkage).all()
     assert "motion, which is not known" in tracks.lacks
-    found, _, _ = drive(tracks, 3.0, 30.1, gone + 0.01)
+    found, truth, gone = drive(tracks, 3.0, 30.1, gone + 0.01)
+    np.testing.assert_allclose(sinkages(found), truth, atol=0.006 * STRETCH)
+    for step in range(11):
+        tracks.undisturbed(observed(read(waves, gone), 33.1 + STEP_S * step, lost))
+    found, _, _ = drive(tracks, 3.0, 34.2, gone + 0.11)
     assert np.isnan(sinkages(found)[:, 1:]).all()
+
+
+@pytest.mark.parametrize(
+    "legs",
+    [
+        [*[0.3, -0.3] * 10, 3.0],
+        [2.0, *[-0.05, 0.05] * 100, 3.0],
+        [2.0, *[-0.3, 0.3] * 40, 3.0],
+        [6.0, -3.5, 7.0],
+    ],
+    ids=["at the start", "a little, for long", "far, for long", "back a long way"],
+)
+def test_a_rover_that_rocks_is_never_taken_to_be_on_fresh_ground(legs: list[float]) -> None:
+    """All wheels are 30 mm deep, and every place up to the front wheel has been rolled over."""
+    depth, tracks, gone, farthest, stamp_s = 0.03, planar(), 0.0, 0.0, 0.0
+    found = []
+    for leg in legs:
+        way = math.copysign(SPEED * STEP_S, leg)
+        for _ in range(round(abs(leg) / (SPEED * STEP_S))):
+            gone += way
+            fresh = gone > farthest + 1e-9
+            farthest = max(farthest, gone)
+            reading = [depth if fresh and axle == 0 else 0.0 for axle in range(3)]
+            rates = [math.copysign(1.0, leg)] * 3
+            given = observed(reading, stamp_s, math.copysign(SPEED, leg), rates=rates)
+            found.append(tracks.undisturbed(given))
+            stamp_s += STEP_S
+    depths = sinkages(found)
+    error = np.abs(depths[np.isfinite(depths)] - depth)
+    assert error.max() < 0.2 * depth  # over the end of a track a wheel is on both
+    assert (error > 1e-9).mean() < 0.01
+    assert np.isfinite(depths[-100:]).all()  # known again after the last leg
 
 
 def test_a_wheel_that_was_not_measured_leaves_an_unknown_track() -> None:
