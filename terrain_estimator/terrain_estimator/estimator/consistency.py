@@ -221,7 +221,7 @@ class Consistency:
         Without sinkages a drag of the drives looks like another ground, and no second has the load
         row. Half of them have to have it. The velocity alone is fitted by other soil constants,
         too, with another c and tan phi. By wheel nothing but torques tells c from tan phi: those
-        of most wheels have to be there in half of all judged seconds.
+        of half of the wheels have to be there in half of all judged seconds.
         """
         last = np.isfinite(self.judged[-WINDOWS[0] :, 2 : 2 + len(self.rows)])
         if {self.rows[row] for row in np.flatnonzero(last.any(0))} == {"velocity"}:
@@ -231,8 +231,8 @@ class Consistency:
             )
         judged = np.count_nonzero(last.any(1))
         torques = [k for k, row in enumerate(self.rows) if row.startswith("torque")]
-        read = np.isfinite(self.judged[:, [2 + k for k in torques]]).mean(1)  # share of the wheels
-        if "yaw_rate" in self.rows and np.count_nonzero(read > 0.5) < len(read) / 2:
+        read = np.isfinite(self.judged[:, [2 + k for k in torques]]).mean(1)  # share of wheels
+        if "yaw_rate" in self.rows and np.count_nonzero(read >= 0.5) < len(read) / 2:
             return "without torques nothing tells c from tan phi in a model by wheel"
         if np.count_nonzero(last[:, self.rows.index("load")]) >= judged / 2:
             return ""

@@ -28,10 +28,17 @@ LEAST = CoreConfig(use_torque=False, use_moments=False, use_imu=False)
 """Velocity and load alone."""
 NOISY = ConversionConfig(default_velocity_sd=5.0, default_pitch_sd=1.0)
 NOISY_BY_WHEEL = dataclasses.replace(
-    NOISY, default_lateral_velocity_sd=5.0, default_yaw_rate_sd=5.0
+    NOISY, default_lateral_velocity_sd=5.0, default_yaw_rate_sd=5.0, torque_absolute_sd=1e4
 )
-MODELS = {FOUR_WHEELS.name: NOISY, f"{FOUR_WHEELS.name}_by_wheel": NOISY_BY_WHEEL}
-"""By the names of their files, with noise that leaves too little to LEAST."""
+MODELS = {
+    FOUR_WHEELS.name: (LEAST, NOISY, "use_torque: false"),
+    f"{FOUR_WHEELS.name}_by_wheel": (
+        dataclasses.replace(LEAST, use_torque=True),
+        NOISY_BY_WHEEL,
+        "torque_noise.absolute: 10000",
+    ),
+}
+"""By the names of their files, with sensors that tell too little, and words about the torques."""
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +52,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("core", [CoreConfig(), CoreConfig(use_sinkage=False), LEAST])
-def test_sensors_that_tell_start_without_a_warning(made: Path, name: str, core: CoreConfig) -> None:
+@pytest.mark.parametrize("core", [CoreConfig(), CoreConfig(use_sinkage=False), None])
+def test_sensors_that_tell_start_without_a_warning(
+    made: Path, name: str, core: CoreConfig | None
+) -> None:
     path = str(made / f"{name}.pt")
+    core = core or MODELS[name][0]
     config = EstimatorConfig(model=path, core=core)
     found, doubt = judge_sensors(load(path, "auto").model, config)
     assert list(found.bounds) == SOILS
@@ -59,14 +69,16 @@ def test_sensors_that_tell_start_without_a_warning(made: Path, name: str, core: 
 def test_sensors_that_tell_nothing_are_refused_by_name(made: Path, name: str) -> None:
     path = made / f"{name}.pt"
     model = load(str(path), "auto").model
-    config = EstimatorConfig(model=str(path), core=LEAST, conversion=MODELS[name])
+    core, noise, words = MODELS[name]
+    config = EstimatorConfig(model=str(path), core=core, conversion=noise)
     with pytest.raises(ConfigError) as refused:
         judge_sensors(model, config)
-    for part in ("use_torque: false", "default_sd.velocity: 5", *(f"on {soil}" for soil in SOILS)):
+    for part in (words, "default_sd.velocity: 5", *(f"on {soil}" for soil in SOILS)):
         assert part in str(refused.value)
     assert ("default_sd.yaw_rate: 5" in str(refused.value)) == bool(model.metadata.wheels)
     drives = reference_drives(path, model.metadata)
-    torques = dataclasses.replace(config, core=CoreConfig())
+    read = dataclasses.replace(noise, torque_absolute_sd=0.0)
+    torques = dataclasses.replace(config, core=CoreConfig(), conversion=read)
     assert bounds_of(model, torques, drives).poor == []
 
 
