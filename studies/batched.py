@@ -287,11 +287,14 @@ def _solve_active(
         members = soils == soil
         chosen = torch.nonzero(members.any(1)).squeeze(1)
         if chosen.numel() > 0:
-            solved = _solve_members(model, state, members, chosen, each.of(chosen))
-            for _ in range(each.reevaluations):
-                if not each.moved(chosen, solved.solution.posterior):
+            now = each.evaluated(chosen)
+            solved = _solve_members(model, state, members, chosen, now.rows)
+            for _ in range(model.most_reevaluations):
+                again = each.anew(chosen, now, solved.solution.posterior)
+                if again is None:
                     break
-                solved = _solve_members(model, state, members, chosen, each.of(chosen))
+                now = again
+                solved = _solve_members(model, state, members, chosen, now.rows)
             degrees[chosen] = each.of(chosen).present.sum(-1) - 1.0
             pieces.append(_scatter(solved, chosen, drives))
     return functools.reduce(torch.vmap(join), pieces), degrees
@@ -323,6 +326,13 @@ def _inactive_last(bank: Bank) -> Bank:
     return Bank(*(field[every, order] for field in bank))
 
 
+class _Evaluated(NamedTuple):
+    """Rows of the blocks of G drives, and where they were evaluated [G, 2 + M + V]."""
+
+    rows: BlockRows
+    at: Tensor
+
+
 class _BlocksOnSoil:
     """Rows of the blocks of G drives on one soil, averaged at their first use."""
 
@@ -350,7 +360,7 @@ class _BlocksOnSoil:
         missing = chosen[~self._known[chosen]]
         if missing.numel() > 0:
             missing = missing[torch.argsort(self._slowest[missing])]
-            averaged, noise = self._average(missing)
+            averaged, noise = self._average(missing, self._expansion[missing])
             if self._rows is None:
                 self._rows = BlockRows(
                     *(field.new_zeros(self._known.shape[0], *field.shape[1:]) for field in averaged)
@@ -362,24 +372,26 @@ class _BlocksOnSoil:
         assert self._rows is not None
         return BlockRows(*(field[chosen] for field in self._rows))
 
-    @property
-    def reevaluations(self) -> int:
-        """Return how often at most rows are evaluated anew."""
-        return self._model.physics.reevaluations(self._packed.flatten(0, 1))
+    def evaluated(self, chosen: Tensor) -> "_Evaluated":
+        """Return the rows of the ``chosen`` drives, and where they were evaluated."""
+        return _Evaluated(self.of(chosen), self._expansion[chosen])
 
-    def moved(self, chosen: Tensor, after: Posterior) -> bool:
-        """Let the rows of the ``chosen`` drives that moved be evaluated anew; return if any did.
+    def anew(self, chosen: Tensor, now: "_Evaluated", after: Posterior) -> "_Evaluated | None":
+        """Return ``now`` with the rows of those of the ``chosen`` drives that moved evaluated anew.
 
-        ``after`` is what these drives know after the block.
+        ``after`` is what these drives know after the block. None where none has moved.
         """
-        expansion = torch.vmap(self._model.expansion_after)(after)
-        moved = torch.vmap(self._model.physics.has_moved)(self._expansion[chosen], expansion)
-        self._expansion[chosen[moved]] = expansion[moved]
-        self._known[chosen[moved]] = False
-        return bool(moved.any())
+        places = torch.vmap(self._model.expansion_after)(after)
+        moved = torch.vmap(self._model.physics.has_moved)(self._packed[chosen], now.at, places)
+        if not bool(moved.any()):
+            return None
+        averaged, _ = self._average(chosen[moved], places[moved])
+        every = (torch.nonzero(moved).squeeze(1),)
+        rows = (old.index_put(every, new) for old, new in zip(now.rows, averaged, strict=True))
+        return _Evaluated(BlockRows(*rows), now.at.index_put(every, places[moved]))
 
-    def _average(self, chosen: Tensor) -> SoilRows:
-        packed, expansion = self._packed[chosen], self._expansion[chosen]
+    def _average(self, chosen: Tensor, expansion: Tensor) -> SoilRows:
+        packed = self._packed[chosen]
         average = functools.partial(self._model.average, soil=self._soil, chosen=self._mask)
         averaged: SoilRows = torch.vmap(
             lambda block, at: average(block, expansion=at), chunk_size=CHUNK

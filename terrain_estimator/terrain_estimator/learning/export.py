@@ -37,7 +37,7 @@ from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.wheel_places import WheelPlaces
 
-VERSION = "16"
+VERSION = "17"
 """Version of the model's structure and training, part of the model's id."""
 
 

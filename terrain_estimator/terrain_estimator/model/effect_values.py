@@ -7,8 +7,6 @@ from torch import Tensor, nn
 
 from terrain_estimator.model.rows import Rows
 
-REEVALUATIONS = 3
-"""Times that the rows of a block are evaluated anew at most."""
 NEAR = 0.01
 """[prior deviations] Move of an effect that needs no other rows."""
 

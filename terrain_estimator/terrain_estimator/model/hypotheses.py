@@ -32,6 +32,8 @@ ALIKE = 1.0 - 1e-9
 """[1] Share of the largest probability from which two soils are equally probable."""
 NEGLIGIBLE = 14.0
 """[nat] A posterior whose weight is e^-14 of the best one's is dropped."""
+FARTHEST = 3.0
+"""[prior deviations] Soil constants at which rows are evaluated at most."""
 NEAREST = 0.3
 """[1] Squared Mahalanobis distance below which siblings become one."""
 HAZARD = 1e-3
@@ -68,7 +70,7 @@ class Hypotheses(nn.Module):
         self.choices = 1 if layout.first_constant == FIRST_LEARNT else 2  # with the net, too
         self.bank = self.choices * soils * BANK
         self.negligible, self.nearest, self.surprise = NEGLIGIBLE, NEAREST, SURPRISE
-        self.zero_precision, self.alike = ZERO_PRECISION, ALIKE
+        self.zero_precision, self.alike, self.farthest = ZERO_PRECISION, ALIKE, FARTHEST
         # Buffers, not literals in the methods: TorchScript rounds the numbers of
         # torch.tensor([...]) to float32.
         place = torch.tensor([-1.2, 0.0, 1.2], dtype=torch.float64)
@@ -226,6 +228,24 @@ class Hypotheses(nn.Module):
         """
         return (soils >= self.alike * soils.amax()).to(torch.float64).argmax()
 
+    def places(self, mean: Tensor) -> Tensor:
+        """Return where rows of hypotheses with this ``mean`` [H, D] are evaluated [H, 2 + M + V].
+
+        That is at (c [kPa], tan phi), the soil constants and the effects. Beyond FARTHEST rows are
+        continued linearly: on a soil that is not the true one constants move so far that no wheel
+        could drive with them.
+        """
+        layout = self.layout
+        constants = mean[:, layout.first_constant : layout.first_effect]
+        return torch.cat(
+            [
+                mean[:, :2],
+                constants.clamp(-self.farthest, self.farthest),
+                mean[:, layout.first_effect : layout.first_fixed],
+            ],
+            1,
+        )
+
     def expansion(
         self, mean: Tensor, weight: Tensor, share: Tensor, soils: Tensor, prior: Tensor
     ) -> Tensor:
@@ -239,8 +259,7 @@ class Hypotheses(nn.Module):
             prior: mean of (c [kPa], tan phi) [2].
         """
         layout = self.layout
-        values = torch.cat([mean[:, :2], mean[:, layout.first_constant : layout.first_fixed]], 1)
-        own = 2 + layout.constants
+        values, own = self.places(mean), 2 + layout.constants
         within = (share @ values) / soils.clamp(min=1e-300).unsqueeze(1)
         without = torch.cat([prior, torch.zeros_like(values[0, 2:own]), weight @ values[:, own:]])
         return torch.where(soils.unsqueeze(1) > 0.0, within, without)

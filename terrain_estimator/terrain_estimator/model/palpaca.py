@@ -54,6 +54,8 @@ from terrain_estimator.model.velocity import Motion, VelocityFilter
 from terrain_estimator.model.wheels_with_effects import WheelsWithEffects
 from terramechanics.simulation.sample import TIME_STEP
 
+REEVALUATIONS = 3
+"""Times that the rows of a block are evaluated anew at most."""
 RECENT = 3
 """[blocks] Age up to which a posterior counts for a change of the ground."""
 LEAST_KNOWN = 0.5
@@ -90,7 +92,7 @@ class PAlpaca(nn.Module):
             by_wheel=isinstance(physics, PhysicsByWheel | WheelsWithEffects),
         )
         self.block_size, self.step_s, self.recent = BLOCK, TIME_STEP, RECENT
-        self.least_known = LEAST_KNOWN
+        self.least_known, self.most_reevaluations = LEAST_KNOWN, REEVALUATIONS
         self.register_buffer("longest_step", torch.tensor([1.0, 0.25], dtype=torch.float64))
         self.register_buffer("every_row", torch.ones(row_count(physics), dtype=torch.float64))
 
@@ -336,27 +338,25 @@ class PAlpaca(nn.Module):
     def solve(
         self, before: Posterior, packed: Tensor, learnt: Tensor, soil: int, expansion: Tensor
     ) -> tuple[Solution, SoilRows]:
-        """Return the posteriors ``before`` a block after it, and the block's rows on their soil.
+        """Return the posteriors ``before`` a block after it, and its rows at ``expansion``.
 
-        Where the block moves a named effect far, or the ground while a sinkage is missing, the rows
-        are evaluated anew at the new values.
+        Where the block moves a soil constant or a named effect far, or c and tan phi while a
+        sinkage is missing, it is solved with rows that are evaluated anew at the new values.
         """
-        averaged = self.physics.average(packed, learnt, soil, expansion, self.every_row)
-        solution = solve_block(before, averaged.rows, self.longest_step)
-        for _ in range(self.physics.reevaluations(packed)):
+        first = self.physics.average(packed, learnt, soil, expansion, self.every_row)
+        solution = solve_block(before, first.rows, self.longest_step)
+        for _ in range(self.most_reevaluations):
             after = self.expansion_after(solution.posterior)
-            if not bool(self.physics.has_moved(expansion, after)):
+            if not bool(self.physics.has_moved(packed, expansion, after)):
                 break
             expansion = after
-            averaged = self.physics.average(packed, learnt, soil, expansion, self.every_row)
-            solution = solve_block(before, averaged.rows, self.longest_step)
-        return solution, averaged
+            again = self.physics.average(packed, learnt, soil, expansion, self.every_row)
+            solution = solve_block(before, again.rows, self.longest_step)
+        return solution, first
 
     def expansion_after(self, posterior: Posterior) -> Tensor:
         """Return the mean [2 + M + V] of (c [kPa], tan phi), soil constants and effects."""
-        mean = torch.softmax(posterior.log_weight, 0) @ posterior.mean
-        layout = self.layout
-        return torch.cat([mean[:2], mean[layout.first_constant : layout.first_fixed]])
+        return torch.softmax(posterior.log_weight, 0) @ self.hypotheses.places(posterior.mean)
 
     def solve_restarted(
         self,

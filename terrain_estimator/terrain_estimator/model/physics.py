@@ -37,10 +37,14 @@ UNCERTAIN = ("n", "k_phi", "shear_modulus", "c1", "c2")
 
 k_c acts through the stiffness k_c / b + k_phi alone, so k_phi carries both.
 """
-REEVALUATIONS = 3
-"""Times that the rows of a block without sinkages are evaluated anew at most."""
 NEAR = (0.05, 0.01)
-"""[kPa, 1] Move of c and tan phi that needs no other rows."""
+"""[kPa, 1] Move of c and tan phi that needs no other rows, where a sinkage is missing."""
+NEAR_CONSTANTS = 0.3
+"""[prior deviations] Move of a soil constant that needs no other rows.
+
+Rows are linear in the constants and forces are not: the load is convex in n. In the first second
+the constants move by up to two deviations.
+"""
 GEOMETRY = ("axle_x", "centre", "pivot", "carried")
 """Names of the tensors of a model that the rover file gives."""
 
@@ -106,7 +110,7 @@ class Physics(nn.Module):
         super().__init__()
         self.axles, self.gravity = body.axles, body.gravity
         self.radius, self.width = body.radius_m, body.width_m
-        self.most_reevaluations, self.near = REEVALUATIONS, NEAR
+        self.near, self.near_constants = NEAR, NEAR_CONSTANTS
         self.moment_variance, self.link_variance = MOMENT_VARIANCE, LINK_VARIANCE
         self.known_soils, self.effect_values = constants.shape[0], 0
         uncertain = uncertain_constants(constants, constants_sd, body.width_m)
@@ -285,20 +289,21 @@ class Physics(nn.Module):
         )
         return SoilRows(averaged, rows.noise[0, :, 0])
 
-    def reevaluations(self, packed: Tensor) -> int:
-        """Return how often at most the rows of a block [n, P] are evaluated anew.
+    def has_moved(self, packed: Tensor, before: Tensor, after: Tensor) -> Tensor:
+        """Return whether a block [n, P] needs other rows, bool [].
 
-        Rows without a sinkage are curved in (c, tan phi).
-        """
-        return self.most_reevaluations if any_of(lacks_sinkage(packed, self.axles)) else 0
-
-    def has_moved(self, before: Tensor, after: Tensor) -> Tensor:
-        """Return whether (c, tan phi) moved so far that other rows are needed, bool [].
-
-        ``before`` and ``after`` are as ``expansion`` in :meth:`average`.
+        ``before`` and ``after`` are as ``expansion`` in :meth:`average`. Rows without a sinkage are
+        curved in (c, tan phi), all rows in the soil constants.
         """
         cohesion, friction = (after[:2] - before[:2]).abs().unbind(0)
-        return (cohesion >= self.near[0]) | (friction >= self.near[1])
+        strength = (cohesion >= self.near[0]) | (friction >= self.near[1])
+        strength = strength & lacks_sinkage(packed, self.axles).any()
+        return strength | self.constants_moved(before, after)
+
+    def constants_moved(self, before: Tensor, after: Tensor) -> Tensor:
+        """Return whether a soil constant moved so far that other rows are needed, bool []."""
+        moved = (after - before)[2 : 2 + self.uncertain_constants].abs()
+        return (moved >= self.near_constants).any()
 
     def effect_sizes(self, mean: Tensor, variance: Tensor) -> Tensor:
         """Return the moments [J, 2] of the sizes of J = 0 named effects."""

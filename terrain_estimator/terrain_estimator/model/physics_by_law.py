@@ -140,14 +140,10 @@ class PhysicsByLaw(nn.Module):
         )
         return torch.cat([row[:1], 1e3 * (row[1:] - row[:1])])
 
-    def reevaluations(self, packed: Tensor) -> int:
-        """Return 0: the rows of a block are evaluated once."""
-        del packed
-        return 0
-
-    def has_moved(self, before: Tensor, after: Tensor) -> Tensor:
-        """Return whether other rows would be needed, as the nominal physics does."""
-        return self.nominal.has_moved(before, after)
+    def has_moved(self, packed: Tensor, before: Tensor, after: Tensor) -> Tensor:
+        """Return False []: the rows of a block [n, P] are evaluated once."""
+        del packed, after
+        return torch.zeros_like(before[0], dtype=torch.bool)
 
     def effect_sizes(self, mean: Tensor, variance: Tensor) -> Tensor:
         """Return the moments [J, 2] of the sizes of J = 0 named effects."""

@@ -496,13 +496,9 @@ class PhysicsByWheel(nn.Module):
         )
         return torch.cat([row[:1], 1e3 * (row[1:] - row[:1])])
 
-    def reevaluations(self, packed: Tensor) -> int:
-        """Return how often at most the rows of a block are evaluated anew, as the nominal one."""
-        return self.nominal.reevaluations(packed)
-
-    def has_moved(self, before: Tensor, after: Tensor) -> Tensor:
+    def has_moved(self, packed: Tensor, before: Tensor, after: Tensor) -> Tensor:
         """Return whether other rows would be needed, as the nominal physics does."""
-        return self.nominal.has_moved(before, after)
+        return self.nominal.has_moved(packed, before, after)
 
     def effect_sizes(self, mean: Tensor, variance: Tensor) -> Tensor:
         """Return the moments [J, 2] of the sizes of J = 0 named effects."""

@@ -81,13 +81,9 @@ class PhysicsOnVaryingGround(nn.Module):
             moved = moved - rows.taken @ balances_of(moved, 1, self.axles)
         return with_sources(rows, moved)
 
-    def reevaluations(self, packed: Tensor) -> int:
-        """Return how often the rows of a block [n, P] are evaluated anew at most."""
-        return self.nominal.reevaluations(packed)
-
-    def has_moved(self, before: Tensor, after: Tensor) -> Tensor:
+    def has_moved(self, packed: Tensor, before: Tensor, after: Tensor) -> Tensor:
         """Return whether other rows are needed, as the nominal physics does."""
-        return self.nominal.has_moved(before, after)
+        return self.nominal.has_moved(packed, before, after)
 
     def effect_sizes(self, mean: Tensor, variance: Tensor) -> Tensor:
         """Return the moments [J, 2] of the sizes of J = 0 named effects."""

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.effect_rows import EffectRows, Observed
-from terrain_estimator.model.effect_values import NEAR, REEVALUATIONS, ValuePrior, with_changes
+from terrain_estimator.model.effect_values import NEAR, ValuePrior, with_changes
 from terrain_estimator.model.packing import PackedView, view_of
 from terrain_estimator.model.physics import Physics, SoilRows
 from terrain_estimator.model.physics_by_law import PhysicsByLaw
@@ -40,7 +40,7 @@ class PhysicsWithEffects(nn.Module):
             nominal.uncertain_constants,
         )
         self.effect_values = values.mean.shape[0]
-        self.most_reevaluations, self.near = REEVALUATIONS, NEAR
+        self.near = NEAR
 
     def constants_of(self, chosen: Tensor, deviations: Tensor) -> tuple[Tensor, Tensor]:
         """Return the constants of the ``chosen`` soil, as the nominal physics does."""
@@ -122,19 +122,15 @@ class PhysicsWithEffects(nn.Module):
         rows = self.rows(packed, contact, deviations, theta, chosen)
         return self.nominal.averaged(rows, packed, learnt, deviations, chosen)
 
-    def reevaluations(self, packed: Tensor) -> int:
-        """Return how often at most the rows of a block [n, P] are evaluated anew."""
-        del packed
-        return self.most_reevaluations
+    def has_moved(self, packed: Tensor, before: Tensor, after: Tensor) -> Tensor:
+        """Return whether an effect or a soil constant moved so far that other rows are needed.
 
-    def has_moved(self, before: Tensor, after: Tensor) -> Tensor:
-        """Return whether an effect moved so far that other rows are needed, bool [].
-
-        ``before`` and ``after`` are as ``expansion`` in :meth:`average`.
+        That is a bool []; ``before`` and ``after`` are as ``expansion`` in :meth:`average`.
         """
+        del packed
         first = self.uncertain_constants
         moved = (self.within(after[2:])[first:] - self.within(before[2:])[first:]).abs().amax()
-        return moved >= self.near
+        return (moved >= self.near) | self.nominal.constants_moved(before, after)
 
     def drive_row(
         self, view: PackedView, constants: Tensor, varied: Tensor, deviations: Tensor

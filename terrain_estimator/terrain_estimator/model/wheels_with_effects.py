@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from terrain_estimator.model.body_motion import body_motion, safe_motion
-from terrain_estimator.model.effect_values import NEAR, REEVALUATIONS, ValuePrior, with_changes
+from terrain_estimator.model.effect_values import NEAR, ValuePrior, with_changes
 from terrain_estimator.model.effects_by_wheel import EffectsByWheel
 from terrain_estimator.model.packing import PackedView, view_of
 from terrain_estimator.model.physics import SoilRows
@@ -40,7 +40,7 @@ class WheelsWithEffects(nn.Module):
             by_wheel.uncertain_constants,
         )
         self.effect_values = values.mean.shape[0]
-        self.most_reevaluations, self.near = REEVALUATIONS, NEAR
+        self.near = NEAR
 
     def constants_of(self, chosen: Tensor, deviations: Tensor) -> tuple[Tensor, Tensor]:
         """Return the constants of the ``chosen`` soil, as the nominal physics does."""
@@ -105,19 +105,16 @@ class WheelsWithEffects(nn.Module):
             rows = with_changes(rows, varied)
         return self.by_wheel.averaged(rows, frame, learnt, deviations, chosen)
 
-    def reevaluations(self, packed: Tensor) -> int:
-        """Return how often at most the rows of a block [n, P] are evaluated anew."""
-        del packed
-        return self.most_reevaluations
+    def has_moved(self, packed: Tensor, before: Tensor, after: Tensor) -> Tensor:
+        """Return whether an effect or a soil constant moved so far that other rows are needed.
 
-    def has_moved(self, before: Tensor, after: Tensor) -> Tensor:
-        """Return whether an effect moved so far that other rows are needed, bool [].
-
-        ``before`` and ``after`` are as ``expansion`` in :meth:`average`.
+        That is a bool []; ``before`` and ``after`` are as ``expansion`` in :meth:`average`.
         """
+        del packed
         first = self.uncertain_constants
         here, there = self.values.within(before[2:], first), self.values.within(after[2:], first)
-        return (there[first:] - here[first:]).abs().amax() >= self.near
+        moved = (there[first:] - here[first:]).abs().amax() >= self.near
+        return moved | self.by_wheel.nominal.constants_moved(before, after)
 
     def drive_row(
         self, view: PackedView, constants: Tensor, varied: Tensor, deviations: Tensor

@@ -101,7 +101,7 @@ def test_rows_are_evaluated_anew_when_an_effect_moved_by_a_hundredth_of_its_prio
     before = torch.zeros(2 + physics.uncertain_constants + 1, dtype=torch.float64)
     after = before.clone()
     after[-1] = move
-    assert bool(physics.has_moved(before, after)) == evaluated
+    assert bool(physics.has_moved(torch.zeros(0), before, after)) == evaluated
 
 
 def test_the_velocity_row_has_its_change_by_a_deviation_of_each_value_behind_it() -> None:
