@@ -53,8 +53,8 @@ A rover whose axles are on different ground while it crosses a border passes wit
 SHOWN_S = 400.0
 """[s] Driving after which intervals of velocity and load alone were shown to hold.
 
-After an hour they do not (docs/long_drives.md): the soil constants settle slowly then, and older rows
-are linear about what they were.
+After an hour they do not (docs/long_drives.md): the soil constants settle slowly then, and older
+rows are linear about what they were.
 """
 
 
