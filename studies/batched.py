@@ -372,11 +372,11 @@ class _BlocksOnSoil:
         assert self._rows is not None
         return BlockRows(*(field[chosen] for field in self._rows))
 
-    def evaluated(self, chosen: Tensor) -> "_Evaluated":
+    def evaluated(self, chosen: Tensor) -> _Evaluated:
         """Return the rows of the ``chosen`` drives, and where they were evaluated."""
         return _Evaluated(self.of(chosen), self._expansion[chosen])
 
-    def anew(self, chosen: Tensor, now: "_Evaluated", after: Posterior) -> "_Evaluated | None":
+    def anew(self, chosen: Tensor, now: _Evaluated, after: Posterior) -> _Evaluated | None:
         """Return ``now`` with the rows of those of the ``chosen`` drives that moved evaluated anew.
 
         ``after`` is what these drives know after the block. None where none has moved.

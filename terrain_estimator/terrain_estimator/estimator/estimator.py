@@ -51,7 +51,7 @@ _PATIENCE = 15
 A rover whose axles are on different ground while it crosses a border passes within that time.
 """
 SHOWN_S = 400.0
-"""[s] Driving after which intervals of velocity and load alone were shown to hold.
+"""[s] Driving after which intervals without torques and moments were shown to hold.
 
 After an hour they do not (docs/long_drives.md): the soil constants settle slowly then, and older
 rows are linear about what they were.
@@ -279,11 +279,11 @@ class Estimator:
 
     def _drove_too_long(self) -> str:
         """Return why the intervals may be too narrow by now; empty where they hold."""
-        alone = not (self._config.use_torque or self._config.use_moments)
-        if alone and self._intake.time_used_s > SHOWN_S:
+        without = not (self._config.use_torque or self._config.use_moments)
+        if without and self._intake.time_used_s > SHOWN_S:
             return (
-                f"intervals of velocity and load alone hold for {SHOWN_S:g} s of driving, and not"
-                " for an hour: use torques or moments"
+                f"without torques and moments intervals hold for {SHOWN_S:g} s of driving, and not"
+                " for an hour: use one of them"
             )
         return ""
 

@@ -12,7 +12,7 @@ from terrain_estimator.update import Update
 from terramechanics.presets import load_soil
 from tests.terrain_estimator.drives import drive_observations
 
-ALONE = CoreConfig(use_torque=False, use_moments=False)
+WITHOUT = CoreConfig(use_torque=False, use_moments=False)
 
 
 def last(config: CoreConfig) -> Update:
@@ -23,22 +23,22 @@ def last(config: CoreConfig) -> Update:
     return [estimator.update(each) for each in observations][-1]
 
 
-def test_velocity_and_load_alone_identify_while_their_intervals_were_shown_to_hold() -> None:
-    update = last(ALONE)
+def test_a_short_drive_without_torques_and_moments_identifies() -> None:
+    update = last(WITHOUT)
     assert any(update.estimate.identified)
     assert update.unconfirmed == ""
 
 
-@pytest.mark.parametrize("config", [ALONE, CoreConfig(), CoreConfig(use_torque=False)])
+@pytest.mark.parametrize("config", [WITHOUT, CoreConfig(), CoreConfig(use_torque=False)])
 def test_after_that_only_torques_or_moments_identify(
     monkeypatch: pytest.MonkeyPatch, config: CoreConfig
 ) -> None:
     monkeypatch.setattr(module, "SHOWN_S", 20.0)
     update = last(config)
-    assert any(update.estimate.identified) == (config is not ALONE)
+    assert any(update.estimate.identified) == (config is not WITHOUT)
     assert update.unconfirmed == (
-        "intervals of velocity and load alone hold for 20 s of driving, and not for an hour: use"
-        " torques or moments"
-        if config is ALONE
+        "without torques and moments intervals hold for 20 s of driving, and not for an hour: use"
+        " one of them"
+        if config is WITHOUT
         else ""
     )
