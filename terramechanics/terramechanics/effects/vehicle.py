@@ -70,24 +70,41 @@ class FailedWheel(Law):
         here = self.order == self.axle
         failing = inputs.expanded().wheels(here)
 
-        def torque(slip: Tensor) -> Tensor:
-            turned = failing._replace(slip=slip)
-            return turned.forces(self.radius, self.width, NODES)[..., 2]
+        def torque(slip: Tensor, chosen: Tensor) -> Tensor:
+            turned = failing.wheels(chosen)._replace(slip=slip)
+            return turned.torque(self.radius, self.width, NODES)
 
-        slip = _slip_under(torque, (1.0 - values) * torque(failing.slip), failing.slip)
+        every = torch.ones_like(failing.slip, dtype=torch.bool)
+        whole = torque(failing.slip[every], every).view_as(failing.slip)
+        slip = _slip_under(torque, (1.0 - values) * whole, failing.slip)
         return inputs._replace(slip=torch.where(here, slip, inputs.slip))
 
 
-def _slip_under(torque: Callable[[Tensor], Tensor], wanted: Tensor, start: Tensor) -> Tensor:
-    """Find the slip at which ``torque`` is ``wanted``; Newton, as torque rises less and less."""
+def _slip_under(
+    torque: Callable[[Tensor, Tensor], Tensor], wanted: Tensor, start: Tensor
+) -> Tensor:
+    """Find the slip at which ``torque`` is ``wanted``, by the secant method.
+
+    ``torque`` returns that of the chosen wheels at the slips given for them. Torque rises less and
+    less with slip. Wheels that have settled are not looked at again: most need fewer rounds than
+    the slowest.
+    """
     small = 1e-6
     slip = start.clamp(MIN_SLIP, MAX_SLIP)
+    left = torch.ones_like(slip, dtype=torch.bool)
+    here, goal = slip[left], wanted.expand_as(slip)[left]
+    found = torque(here, left)
+    slope = (torque(here + small, left) - found) / small
     for _ in range(ROUNDS):
-        here, there = torque(torch.stack([slip, slip + small]))
-        move = ((wanted - here) * small / (there - here).clamp(min=1e-9)).clamp(
-            -LARGEST_MOVE, LARGEST_MOVE
-        )
-        slip = (slip + move).clamp(MIN_SLIP, MAX_SLIP)
-        if float(move.abs().max()) < SETTLED:
+        move = ((goal - found) / slope.clamp(min=1e-3)).clamp(-LARGEST_MOVE, LARGEST_MOVE)
+        there = (here + move).clamp(MIN_SLIP, MAX_SLIP)
+        slip[left] = there
+        moved = there - here
+        on = moved.abs() > SETTLED
+        left[left.clone()] = on
+        if not bool(on.any()):
             break
+        here, goal, before = there[on], goal[on], found[on]
+        found = torque(here, left)
+        slope = (found - before) / moved[on]
     return slip

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from terramechanics.contact.laws import contact_law
 from terramechanics.contact.scm import Rut
+from terramechanics.contact.stresses import compiled_wheel_torque
 from terramechanics.simulation.sample import Sample
 from terramechanics.terrain.soil import WONG_REECE
 from terramechanics.vehicle.rover import Rover
@@ -104,6 +105,20 @@ class ContactInputs(NamedTuple):
             torch.matmul(coefficients[..., :2], self.strength.unsqueeze(-1)).squeeze(-1)
             + coefficients[..., 2]
         )
+
+    def torque(self, radius: float, width: float, nodes: Tensor) -> Tensor:
+        """Return the M [N m] of :meth:`forces` on fresh ground of Wong and Reece, [..., axles]."""
+        coefficients = compiled_wheel_torque()(
+            self.slip,
+            self.sinkage,
+            self.constants,
+            radius,
+            width,
+            nodes,
+            self.exit_angle,
+            self.slip_angle,
+        )
+        return (coefficients * self.strength).sum(-1)
 
     def expanded(self) -> "ContactInputs":
         """Return the same with all leading dimensions spelled out."""

@@ -9,6 +9,7 @@ from torch import Tensor
 from terramechanics.contact.stresses import (
     CHUNK,
     compiled_wheel_forces,
+    compiled_wheel_torque,
     many_wheel_forces,
     quadrature,
 )
@@ -50,3 +51,14 @@ def test_shapes_broadcast() -> None:
     assert found.shape == (3, 2000, 3, 3, 3)
     expected = compiled_wheel_forces()(slip, sinkage, varied, RADIUS, WIDTH, NODES)
     torch.testing.assert_close(found, expected, rtol=1e-14, atol=0.0)
+
+
+@pytest.mark.parametrize("lowest", [0.0, -0.4])
+@pytest.mark.parametrize("angled", [False, True])
+def test_the_torque_alone_is_that_of_all_forces(lowest: float, angled: bool) -> None:  # noqa: FBT001
+    constants = load_soil("loose_sand").constants()
+    slip, sinkage = drawn(lowest, 0.8, (300,), 1), drawn(0.005, 0.05, (300,), 2)
+    angles = (drawn(0.0, 0.3, (300,), 3), drawn(0.0, 0.5, (300,), 4)) if angled else ()
+    given = (slip, sinkage, constants, RADIUS, WIDTH, NODES, *angles)
+    expected = compiled_wheel_forces()(*given)[:, 2, :2]
+    torch.testing.assert_close(compiled_wheel_torque()(*given), expected, rtol=1e-13, atol=0.0)
