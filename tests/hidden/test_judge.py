@@ -329,7 +329,9 @@ def test_told_and_untold_are_compared_case_by_case() -> None:
     beyond = record(ROVER_BEYOND, "mass", "none", key="beyond") | pointed | {"right": False}
     other_way = beyond | {"off": {"mass": -7.0}, "key": "other"}
     assert "points at the constant | at least 80% | 1 of 2" in rover_bars([beyond, other_way])
+    told[0] |= {"commit": "5e6f7a8b"}
     section = rover([*told, *untold], 205, "1a2b3c4d")
+    assert "Examined: 1 at 5e6f7a8b, 4 at unknown." in section
     assert f"| mass | 0.22 | {proportion(1, 2)} |" in section
     page = joined("# Page\n", None, None, section)
     assert "**3 of the 205 cases are done.**" in page

@@ -2,17 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Judge verdicts about hidden effects: `make hidden`, a stratified sample, or `make hidden-full`.
 
-Every case goes the whole way: drawn, sealed, read back from its bags, investigated. Records go to
-OUT/cases.jsonl as they come, and are not computed again. The command stops when the given time is
-over; the page has the number of cases.
+Every case goes the whole way: drawn, sealed, read back from its bags, investigated. Records go to a
+file in OUT as they come, and are not computed again. The command stops when the given time is over;
+the page has the number of cases.
+
+All cases of the field take a day. Their records are therefore a part of the repository: each has
+the commit that it was examined at, and a later call goes on where they end. Remove the file to
+examine all of them with the code of now.
 """
 
 import argparse
 import json
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+from docs.provenance import commit
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.offline.cluster import ClusterError, cluster
 from tests.hidden.judge.bars import bars, field_bars, told_and_untold
@@ -25,6 +32,10 @@ FROZEN = "befa0b6e202c572df4b965ff88c2a40817ec6fe3"
 ROVER_FROZEN = "81280528e1295a926dee41e80f8b84e52e6973b9"
 """Commit after which nothing that decides a verdict about such cases was changed."""
 PAGE = Path(__file__).parents[3] / "docs" / "hidden.md"
+KEPT = Path(__file__).parents[1] / "records"
+"""Folder of the records of cases whose conditions are drawn."""
+DIGITS = 6
+"""Significant digits of the numbers of a record."""
 
 
 def main() -> int:
@@ -33,8 +44,8 @@ def main() -> int:
     Exit code 2 where the scheduler does not answer.
     """
     options = _parser().parse_args()
-    path: Path = options.out / "cases.jsonl"
-    options.out.mkdir(parents=True, exist_ok=True)
+    path = _file(options)
+    path.parent.mkdir(parents=True, exist_ok=True)
     found = _kept(path)
     chosen = _chosen(options)
     known = {each["key"] for each in found}
@@ -71,6 +82,13 @@ def _chosen(options: argparse.Namespace) -> list[Batch]:
     if options.rover:
         return rover_batches(options.rover_frozen, untold=options.untold)
     return field_batches(options.frozen) if options.field else batches(whole=options.full)
+
+
+def _file(options: argparse.Namespace) -> Path:
+    """Return the file of the records of these cases."""
+    name = "rover" if options.rover else "field" if options.field else "cases"
+    folder = Path("out/hidden") if name == "cases" else KEPT
+    return (options.out or folder) / f"{name}.jsonl"
 
 
 def _others(found: list[Record], options: argparse.Namespace) -> list[Record]:
@@ -130,8 +148,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--out",
         type=Path,
-        default=Path("out/hidden"),
-        help="folder of the records (default: %(default)s)",
+        help="folder of the records (default: out/hidden, with --field tests/hidden/records)",
     )
     parser.add_argument(
         "--page", type=Path, default=PAGE, help="file of the tables (default: docs/hidden.md)"
@@ -152,6 +169,7 @@ def _kept(path: Path) -> list[Record]:
 def _examined(missing: list[Batch], path: Path, options: argparse.Namespace) -> list[Record]:
     """Return the records of the missing cases, as many as there is time for, in their order."""
     found: list[Record] = []
+    now = commit()  # before a record in the work tree makes it another one
     end = time.monotonic() + 60.0 * options.minutes if options.minutes else float("inf")
     if not missing:
         return found
@@ -161,13 +179,23 @@ def _examined(missing: list[Batch], path: Path, options: argparse.Namespace) -> 
         path.open("a", encoding="utf-8") as output,
     ):
         for number, records in enumerate(spread(examine, missing), 1):
-            found += records
-            output.writelines(json.dumps(record) + "\n" for record in records)
+            kept = [_rounded(record) | {"commit": now} for record in records]
+            found += kept
+            output.writelines(json.dumps(record) + "\n" for record in kept)
             output.flush()
             report.at(number / len(missing), records[-1]["key"])
             if time.monotonic() > end:
                 break
     return found
+
+
+def _rounded(value: Any) -> Any:
+    """Return what a record holds with numbers of :data:`DIGITS` digits."""
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}")
+    if isinstance(value, Mapping):
+        return {name: _rounded(each) for name, each in value.items()}
+    return [_rounded(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 if __name__ == "__main__":

@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page docs/hidden.md."""
 
+from collections import Counter
+from collections.abc import Sequence
+
 from docs.provenance import measured
 from tests.hidden.judge.bars import (
     bars,
@@ -65,7 +68,7 @@ cases on ground between two presets, for which there is no file. The rule of the
 by commit {frozen},
 whose first eight digits are the seed of these cases. All families advance in step, so that those
 done are a sample of all. "No drive" means that every observation of the analysed drives was
-refused: the command says so and has no verdict.
+refused: the command says so and has no verdict. {examined}
 
 """
 
@@ -83,7 +86,7 @@ wheelbase. The errors are Gaussian, cut off at 2.5 deviations. The search is tol
 odometry_scale within 2.5 stated deviations may be "none" as well. The rule was frozen by commit
 {frozen},
 whose first eight digits are the seed of these cases. `--untold` searches the same cases without the
-deviations.
+deviations. {examined}
 
 """
 
@@ -97,7 +100,9 @@ def page(records: list[Record], wanted: int) -> str:
 def field(records: list[Record], wanted: int, frozen: str) -> str:
     """Return the section of the cases that are done under drawn conditions."""
     line = measured("hidden", "--field")
-    head = FIELD.format(measured=line, done=len(records), wanted=wanted, frozen=frozen)
+    head = FIELD.format(
+        measured=line, done=len(records), wanted=wanted, frozen=frozen, examined=_examined(records)
+    )
     tables = [field_bars(records), conditions(records), outcomes(records)]
     return FIELD_HEADING + head + "\n".join(tables)
 
@@ -106,10 +111,18 @@ def rover(records: list[Record], wanted: int, frozen: str) -> str:
     """Return the section of the cases whose rover is not that of its file."""
     line = measured("hidden", "--field --rover")
     told = [each for each in records if UNTOLD not in each["family"]]
-    head = ROVER.format(measured=line, done=len(told), wanted=wanted, frozen=frozen)
+    head = ROVER.format(
+        measured=line, done=len(told), wanted=wanted, frozen=frozen, examined=_examined(records)
+    )
     tables = [rover_bars(told), told_and_untold(records)]
     tables += [constants_found(told), outcomes(records)]
     return ROVER_HEADING + head + "\n".join(tables)
+
+
+def _examined(records: Sequence[Record]) -> str:
+    counts = Counter(each.get("commit", "unknown") for each in records)
+    listed = ", ".join(f"{count} at {commit}" for commit, count in counts.items())
+    return f"Records: [tests/hidden/records](../tests/hidden/records). Examined: {listed}."
 
 
 def joined(text: str, first: str | None, section: str | None, of_rover: str | None = None) -> str:
