@@ -26,7 +26,7 @@ from terrain_estimator.console.arguments import (
     WORKERS,
     add_search_options,
     command_parser,
-    deviations,
+    deviations_or_exact,
     refuse_twice,
 )
 from terrain_estimator.console.interrupting import interruptible
@@ -41,7 +41,12 @@ from terrain_estimator.discovery.hypotheses.library import (
     singles_by_wheel,
 )
 from terrain_estimator.discovery.hypotheses.rover_doubt import (
+    CERTAIN,
     DOUBTABLE,
+    ORDINARY,
+    ORDINARY_CENTRE,
+    RoverDoubt,
+    ordinary_doubt,
     rover_doubt,
 )
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
@@ -49,7 +54,11 @@ from terrain_estimator.discovery.proof.on_request import or_on_request
 from terrain_estimator.discovery.proof.soil_proof import Proven, proven_or_told
 from terrain_estimator.discovery.report.diagnosis import Diagnosis, diagnose
 from terrain_estimator.discovery.report.finding import part_of
-from terrain_estimator.discovery.report.investigation import investigate, investigate_as_told
+from terrain_estimator.discovery.report.investigation import (
+    investigate,
+    investigate_as_told,
+    is_tolerance,
+)
 from terrain_estimator.files.journal_file import JournalError
 from terrain_estimator.files.results import ResultFolder
 from terrain_estimator.learning.finding_model import (
@@ -83,6 +92,7 @@ from terrain_estimator.offline.revised_soils import SOILS, write_soils
 from terrain_estimator.offline.run_soils import SOIL, RunSoils, run_soils
 from terrain_estimator.offline.summary import write_summary
 from terrain_estimator.offline.topic_mapping import TopicError
+from terrain_estimator.pages.finding_words import tolerance_words
 from terramechanics.presets import load_rover, soil_names
 from terramechanics.vehicle.rover import Rover
 
@@ -92,6 +102,10 @@ DIVISIONS = 1000
 """Choices of held-out runs until every soil is searched; the last one where none is such."""
 ROVER = "mars_rover"
 MODEL = "model.pt"
+_ORDINARY = (  # for a help text, in which % is doubled
+    f"mass {100 * ORDINARY['mass']:g} %%, wheel_radius {100 * ORDINARY['wheel_radius']:g} %%,"
+    f" centre_of_mass_x {100 * ORDINARY_CENTRE:g} %% of the wheelbase"
+)
 _MODEL_FILES = (MODEL, "model.json", "model" + DRIVE)
 SEARCH = "search.json"
 """What an unfinished search on a cluster was asked; beside its finished pieces."""
@@ -138,7 +152,7 @@ def search(options: argparse.Namespace) -> int:
         elif base != rover.name:
             sys.stderr.write(f"find_missing_effect: {_model_note(rover, base)}\n")
         prior = prior_of(base)
-        nominal = _in_doubt(nominal_of(rover, soils.first, prior, places), options.rover_sd)
+        nominal = _in_doubt(nominal_of(rover, soils.first, prior, places), options.rover_sd or {})
         grounds = {run: nominal_of(rover, soil, prior, places) for run, soil in soils.soils.items()}
         told_asked = asked(nominal.rover.name, soils, options.seed, reading) | _stated(nominal)
 
@@ -160,13 +174,15 @@ def search(options: argparse.Namespace) -> int:
             usable, kept = read(runs), read(held_out, held_out=True)
             unseen = kept.blocks
             refuse_equal([*usable.blocks, *unseen])
-            study = Study(nominal, usable.blocks, contributions=usable.contributions)
-            outcome, diagnosis = _answer(options, study, hypotheses, soils, kept, report)
+            outcome, diagnosis, tolerance = _answer_in_doubt(
+                options, nominal, usable, hypotheses, soils, kept, report
+            )
         told = {
             "damaged": usable.damaged | kept.damaged,
             "left_out": [*usable.left_out, *kept.left_out],
             "asked": told_asked,
             "provenance": provenance(nominal.rover, soils),
+            **tolerance,
         }
         content = finding_content(outcome, diagnosis, usable.blocks, unseen) | told
         with results.renewing(*names, SEARCH) as new:
@@ -198,6 +214,7 @@ def search(options: argparse.Namespace) -> int:
         "\n".join(
             [
                 finding_sentence(outcome, diagnosis),
+                *map(tolerance_words, tolerance.values()),
                 *(str(options.out / name) for name in FINDING),
                 *(str(options.out / name) for name in soils_found),
                 f"{model}{unproven}",
@@ -206,6 +223,36 @@ def search(options: argparse.Namespace) -> int:
         + "\n"
     )
     return 0
+
+
+def _answer_in_doubt(
+    options: argparse.Namespace,
+    nominal: Nominal,
+    usable: Runs,
+    hypotheses: list[Hypothesis],
+    soils: RunSoils,
+    held_out: Runs,
+    report: ProgressReport,
+) -> tuple[Proven, Diagnosis, dict[str, Any]]:
+    """Return the finding, what stands beside it, and the entry of deviations that nobody stated.
+
+    Where nobody stated any, and what is named is no more than rover files are usually off by, the
+    search is made again with these constants in doubt.
+    """
+
+    def answer(doubt: RoverDoubt) -> tuple[Proven, Diagnosis]:
+        there = dataclasses.replace(nominal, doubt=doubt)
+        study = Study(there, usable.blocks, contributions=usable.contributions)
+        return _answer(options, study, hypotheses, soils, held_out, report)
+
+    outcome, diagnosis = answer(nominal.doubt)
+    untold = options.rover_sd is None and nominal.places is None
+    usual = ordinary_doubt(nominal.rover) if untold else CERTAIN
+    if not is_tolerance(outcome.finding, usual):
+        return outcome, diagnosis, {}
+    names = [each.label for each in outcome.finding.judgement.named]
+    entry = {"named": names, "rover_sd": {each.name: each.sd for each in usual}}
+    return *answer(usual), {"rover_tolerance": entry}
 
 
 def _answer(
@@ -310,11 +357,11 @@ def search_parser(name: str = "find_missing_effect") -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--rover-sd",
-        type=deviations,
-        default={},
+        type=deviations_or_exact,
         metavar="NAME=SD,...",
         help="standard deviations of constants of the rover file, in its units, such as"
-        f" mass=2,wheel_radius=0.0005; of {', '.join(DOUBTABLE)} (default: they are exact)",
+        f" mass=2,wheel_radius=0.0005; of {', '.join(DOUBTABLE)}; or: exact (default: exact, and"
+        f" where a name is within what files are usually off by, {_ORDINARY})",
     )
     parser.add_argument(
         "--model",

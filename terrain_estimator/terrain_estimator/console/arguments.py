@@ -84,6 +84,11 @@ def deviations(text: str) -> dict[str, float]:
     return found
 
 
+def deviations_or_exact(text: str) -> dict[str, float]:
+    """Read standard deviations, or ``exact`` for none."""
+    return {} if text.strip() == "exact" else deviations(text)
+
+
 def effects(text: str) -> tuple[str, ...]:
     """Split names at commas, each once."""
     return tuple(dict.fromkeys(name for each in text.split(",") if (name := each.strip())))

@@ -43,6 +43,8 @@ def verdict(finding: Mapping[str, Any]) -> Headline:
         sentence = most.format(likely, probability(finding["probabilities"][leader])) + sentence
     if exact := exact_words(finding.get("exact_constants") or ()):
         sentence += Markup(" {}.").format(_capital(exact))
+    if usual := tolerance_words(finding.get("rover_tolerance") or {}):
+        sentence += Markup(" {}.").format(_capital(usual))
     first = opening(finding)
     if first:
         sentence = first + Markup(" ") + sentence
@@ -206,6 +208,18 @@ def exact_words(constants: Sequence[str]) -> str:
     return (
         f"the rover file's {names} may be wrong instead, and counts as exact here: measure it"
         f" again, or say how well it is known by --rover-sd {stated} (models by axle)"
+    )
+
+
+def tolerance_words(tolerance: Mapping[str, Any]) -> str:
+    """Return in one line which name is no more than a rover file is off by; empty for none."""
+    if not tolerance:
+        return ""
+    named = words(tolerance["named"])
+    taken = ",".join(f"{name}={sd:.2g}" for name, sd in tolerance["rover_sd"].items())
+    return (
+        f"with an exact rover file the answer is {named}, of a size that files are usually off by:"
+        f" this answer takes --rover-sd {taken}; state yours, or --rover-sd exact"
     )
 
 

@@ -121,7 +121,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--untold",
         action="store_true",
-        help="with --rover: do not tell the search the deviations of the rover's constants",
+        help="with --rover: do not tell the search the deviations, as the command does by default",
     )
     parser.add_argument(
         "--rover-frozen",

@@ -32,12 +32,20 @@ import torch
 from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.library import singles
-from terrain_estimator.discovery.hypotheses.rover_doubt import rover_doubt
+from terrain_estimator.discovery.hypotheses.rover_doubt import (
+    RoverDoubt,
+    ordinary_doubt,
+    rover_doubt,
+)
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
 from terrain_estimator.discovery.proof.proof import Proof
 from terrain_estimator.discovery.proof.soil_proof import proven_or_told
 from terrain_estimator.discovery.report.finding import Finding
-from terrain_estimator.discovery.report.investigation import investigate, investigate_as_told
+from terrain_estimator.discovery.report.investigation import (
+    investigate,
+    investigate_as_told,
+    is_tolerance,
+)
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.offline.reading_runs import read_run_of
@@ -67,13 +75,13 @@ def examine(batch: Batch) -> list[Record]:
     torch.set_num_threads(1)
     cases = draw_cases(batch.plan, batch.count, batch.seed, ROVER, batch.first)
     return [
-        _examined(case, () if batch.untold else batch.plan.stated)
+        _examined(case, None if batch.untold else batch.plan.stated)
         | {"key": key, "family": batch.family}
         for key, case in zip(batch.keys, cases, strict=True)
     ]
 
 
-def _examined(case: Case, stated: Constants) -> Record:
+def _examined(case: Case, stated: Constants | None) -> Record:
     with tempfile.TemporaryDirectory() as folder, torch.inference_mode():
         told = case.truth.plan.told or case.truth.soil
         answer = investigated(seal(case, Path(folder) / "bags"), told, case.rover, stated)
@@ -81,15 +89,24 @@ def _examined(case: Case, stated: Constants) -> Record:
 
 
 def investigated(
-    bags: list[Path], soil: str, rover: Rover | None = None, stated: Constants = ()
+    bags: list[Path], soil: str, rover: Rover | None = None, stated: Constants | None = ()
 ) -> Answer | None:
     """Investigate these bags like the command, the last held out; no pages are written.
 
-    ``stated`` are deviations of the rover's constants. None where no other drive has an observation
-    that is taken.
+    ``stated`` are deviations of the rover's constants; None: nobody states any, and the ordinary
+    ones are taken where the command takes them. Returns None where no other drive has an
+    observation that is taken.
     """
     car = rover or load_rover(ROVER)
-    nominal = replace(nominal_of(car, load_soil(soil)), doubt=rover_doubt(car, dict(stated)))
+    answer = _investigated(bags, soil, car, rover_doubt(car, dict(stated or ())))
+    usual = ordinary_doubt(car)
+    if stated is None and answer and is_tolerance(answer.finding, usual):
+        return _investigated(bags, soil, car, usual)
+    return answer
+
+
+def _investigated(bags: list[Path], soil: str, car: Rover, doubt: RoverDoubt) -> Answer | None:
+    nominal = replace(nominal_of(car, load_soil(soil)), doubt=doubt)
     found = [read_run_of(nominal, bag).blocks for bag in bags[:-1]]
     studied = tuple(number for number, blocks in enumerate(found) if isinstance(blocks, Blocks))
     if not studied:

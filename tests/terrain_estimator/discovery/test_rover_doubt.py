@@ -21,6 +21,8 @@ from terrain_estimator.discovery.hypotheses.rover_doubt import (
     HELD,
     WITHIN,
     RoverDoubt,
+    is_within,
+    ordinary_doubt,
     rover_doubt,
     rover_with,
 )
@@ -227,3 +229,24 @@ def test_deviations_that_cannot_be_are_refused(stated: dict[str, float], words: 
     with pytest.raises(ConfigError) as error:
         rover_doubt(MARS, stated)
     assert words in str(error.value)
+
+
+def test_what_a_file_is_usually_off_by_has_no_name_of_its_own() -> None:
+    usual = ordinary_doubt(MARS)
+    assert {each.name: each.sd / each.told for each in usual[:2]} == pytest.approx(
+        {"mass": 0.01, "wheel_radius": 0.003}
+    )
+    least = 3.0 * 0.01 * MARS.mass
+    assert is_within(usual, [("payload", 0.99 * least)])
+    assert is_within(usual, [("payload", -0.99 * least)])
+    assert not is_within(usual, [("payload", 1.01 * least)])
+    assert is_within(usual, [("odometry_scale", 0.008)])
+    assert not is_within(usual, [("odometry_scale", 0.02)])
+    assert not is_within(usual, [("drive_drag", 0.001)])
+    assert is_within(usual, [("drive_drag", 0.4), ("payload", 1.0)])
+    assert not is_within((), [("payload", 1.0)])
+
+
+def test_a_centre_of_mass_at_an_end_leaves_the_other_constants_in_doubt() -> None:
+    behind = dataclasses.replace(MARS, centre_of_mass_x=-0.349)
+    assert [each.name for each in ordinary_doubt(behind)] == ["mass", "wheel_radius"]

@@ -32,6 +32,10 @@ Beyond it is missing from the model: an effect may be named.
 """
 NOTABLE = 2.0
 """[1] Stated deviations of a constant's change from which it is pointed at."""
+ORDINARY = {"mass": 0.01, "wheel_radius": 0.003}
+"""[1] Deviations over the constant that nobody stated: a sum of masses, a rule along a wheel."""
+ORDINARY_CENTRE = 0.01
+"""[1] The same of the centre of mass along the body, over the wheelbase."""
 STEP = 0.01
 """[1] Of differences, in stated deviations."""
 STANDS_FOR = {"payload": "mass", "odometry_scale": "wheel_radius"}
@@ -100,6 +104,32 @@ def rover_doubt(rover: Rover, deviations: Mapping[str, float]) -> RoverDoubt:
 
 
 _POSITIVE = ("mass", "wheel_radius", "wheel_width", "centre_of_mass_height")
+
+
+def ordinary_doubt(rover: Rover) -> RoverDoubt:
+    """Return the doubt of a rover file whose deviations nobody stated.
+
+    The centre of mass is left out where it lies so near to an end that no rover has its limits.
+    """
+    stated = {name: share * getattr(rover, name) for name, share in ORDINARY.items()}
+    centre = ORDINARY_CENTRE * (rover.axle_x[0] - rover.axle_x[-1])
+    try:
+        return rover_doubt(rover, stated | {"centre_of_mass_x": centre})
+    except ConfigError:
+        return rover_doubt(rover, stated)
+
+
+def is_within(doubt: RoverDoubt, sizes: Iterable[tuple[str, float]]) -> bool:
+    """Return whether one of these effects is no more than its constant may be off by.
+
+    ``sizes`` are names and sizes of effects. One that stands for no constant in doubt is not.
+    """
+    constants = {each.name: each for each in doubt}
+    for name, size in sizes:
+        there = constants.get(STANDS_FOR.get(name, ""))
+        if there and abs(standing_for(there, size) - there.told) < WITHIN * there.sd:
+            return True
+    return False
 
 
 def _too_large(found: RoverDoubt, why: str) -> str:

@@ -24,7 +24,13 @@ from terrain_estimator.discovery.evidence.verdict import (
     judge,
 )
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
-from terrain_estimator.discovery.hypotheses.rover_doubt import STANDS_FOR, STEP, WITHIN
+from terrain_estimator.discovery.hypotheses.rover_doubt import (
+    STANDS_FOR,
+    STEP,
+    WITHIN,
+    RoverDoubt,
+    is_within,
+)
 from terrain_estimator.discovery.progress import ProgressCallback
 from terrain_estimator.discovery.report.finding import (
     Finding,
@@ -176,6 +182,16 @@ def or_beyond(
     judgement = Judgement(Verdict.NAMED, (best.hypothesis,), sure | {best.hypothesis.names[0]: 1.0})
     others = tuple(each for each in found.candidates if each.hypothesis != best.hypothesis)
     return dataclasses.replace(found, judgement=judgement, candidates=(best, *others))
+
+
+def is_tolerance(found: Finding, doubt: RoverDoubt) -> bool:
+    """Return whether what is named is no more than a rover file with this ``doubt`` is off by.
+
+    That is so where one of the best names, proven or not, stands for a constant of the file and is
+    smaller than its deviation allows. With the constants in doubt such a size has no name.
+    """
+    sizes = (found.candidate(each).sizes for each in found.judgement.named)
+    return any(is_within(doubt, ((name, size) for name, size, _ in each)) for each in sizes)
 
 
 def _at_the_end(nothing: Candidate) -> list[str]:
