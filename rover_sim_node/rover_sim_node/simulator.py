@@ -179,7 +179,8 @@ class SimulatorNode(Node):
 
     def finish(self) -> None:
         """Wait until the subscribers have acknowledged all messages."""
-        for output in (*self._outputs.values(), self._truth_output):
+        optional = (self._clock_output, self._tf_output, self._marker_output)
+        for output in (*self._outputs.values(), self._truth_output, *filter(None, optional)):
             output.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_S))
 
     def _take_command(self, message: Twist) -> None:

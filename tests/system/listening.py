@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from tests.system.waiting import wait_until
+from tests.system.waiting import PATIENCE_S, wait_until
 
 T = TypeVar("T")
 NodeT = TypeVar("NodeT", bound=Node)
@@ -52,7 +52,7 @@ class Listener:
         self,
         condition: Callable[[], T],
         what: str,
-        timeout: float = 20.0,
+        timeout: float = PATIENCE_S,
         seen: Callable[[], object] = lambda: "",
     ) -> T:
         """Run callbacks until the condition holds; return its value. Raises TimeOutError."""
@@ -86,7 +86,7 @@ class Listener:
         topic: str,
         qos: QoSProfile = RELIABLE,
         readers: int = 1,
-        timeout: float = 20.0,
+        timeout: float = PATIENCE_S,
     ) -> Publisher:
         """Return a publisher that so many subscriptions have matched."""
         publisher = self.node.create_publisher(kind, topic, qos)
@@ -97,7 +97,9 @@ class Listener:
         )
         return publisher
 
-    def wait_for_messages(self, messages: list[Any], count: int, timeout: float = 20.0) -> None:
+    def wait_for_messages(
+        self, messages: list[Any], count: int, timeout: float = PATIENCE_S
+    ) -> None:
         """Wait until the list of `collect` has so many messages."""
         self.spin_until(
             lambda: len(messages) >= count,
@@ -106,7 +108,7 @@ class Listener:
             lambda: f"{len(messages)} came.",
         )
 
-    def call(self, kind: Any, service: str, request: object, timeout: float = 20.0) -> Any:
+    def call(self, kind: Any, service: str, request: object, timeout: float = PATIENCE_S) -> Any:
         """Call a service; return its response."""
         client = self.node.create_client(kind, service)
         self.spin_until(client.service_is_ready, f"the service {service} is there", timeout)

@@ -12,7 +12,7 @@ from typing import Self
 
 from ament_index_python.packages import get_package_prefix
 
-from tests.system.waiting import wait_until
+from tests.system.waiting import PATIENCE_S, wait_until
 
 
 class Process:
@@ -50,7 +50,7 @@ class Process:
         """True until the process ends."""
         return self._process.poll() is None
 
-    def wait_for_output(self, pattern: str, timeout: float = 20.0) -> re.Match[str]:
+    def wait_for_output(self, pattern: str, timeout: float = PATIENCE_S) -> re.Match[str]:
         """Return the first match of a regular expression in the output.
 
         Fails at once where the process ends without it.
@@ -75,7 +75,7 @@ class Process:
         """Send a signal to the process."""
         self._process.send_signal(number)
 
-    def wait(self, timeout: float = 20.0) -> int:
+    def wait(self, timeout: float = PATIENCE_S) -> int:
         """Wait for the end; return the exit code, negative for the signal that ended it."""
         try:
             return self._process.wait(timeout)
@@ -84,12 +84,12 @@ class Process:
                 f"{self.name} did not end within {timeout:g} s. Its output:\n{self.output}"
             ) from None
 
-    def interrupt(self, timeout: float = 20.0) -> int:
+    def interrupt(self, timeout: float = PATIENCE_S) -> int:
         """Send SIGINT, as Ctrl-C does; return the exit code."""
         self.signal(signal.SIGINT)
         return self.wait(timeout)
 
-    def terminate(self, timeout: float = 20.0) -> int:
+    def terminate(self, timeout: float = PATIENCE_S) -> int:
         """Send SIGTERM, as a service manager does; return the exit code."""
         self.signal(signal.SIGTERM)
         return self.wait(timeout)

@@ -138,6 +138,7 @@ def test_the_page_shows_what_the_topics_say_to_everybody_and_asks_nobody_else(
         rover.say("traction_advice", advice(make, last, stop=True))
         awaits(page, "#counts data", last // 10)
         awaits(page, '[data-path="terrain_estimate/cohesion"]', 1500.0 + last)
+        page.locator("#stopped").wait_for()  # the advice came last
         expected = values_now(last)
         assert sum(len(values) for values in expected.values()) >= 20
         assert {selector: shown(page, selector) for selector in expected} == expected

@@ -49,7 +49,7 @@ def frame(text: str) -> bytes:
 def is_answered(url: str) -> bool:
     """Return whether a new viewer gets an answer to its first question."""
     with connect(url, UPGRADE) as viewer, suppress(TimeoutError):
-        viewer.settimeout(1.0)
+        viewer.settimeout(5.0)  # the machine is busy with a thousand others
         viewer.sendall(frame("{}"))
         received = b""
         while part := viewer.recv(65536):
@@ -75,7 +75,7 @@ def test_a_thousand_slow_connections_leave_the_page_reachable_and_the_log_short(
         for path in ("", "dashboard.js", "Chart.bundle.js"):
             with urlopen(url + path, timeout=10.0) as answer:
                 assert len(answer.read()) > 1000
-        wait_until(lambda: is_answered(url), "a new viewer has a place", IDLE_S + 10.0)
+        wait_until(lambda: is_answered(url), "a new viewer has a place", IDLE_S + 20.0)
         # what is refused is closed a moment after it was taken
         most = before + MOST + VIEWERS
         wait_until(lambda: descriptors(process) <= most, f"at most {most} descriptors are open")

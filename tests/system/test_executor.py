@@ -125,7 +125,7 @@ def test_messages_that_wait_on_all_topics_are_served_without_another_wait(
     for number in range(3):
         for output in outputs:
             output.publish(String(data=f"{output.topic_name} {number}"))
-    time.sleep(0.2)  # so that all of them are there
+    assert all(each.wait_for_all_acked() for each in outputs)  # all of them are there
     while not words:
         executor.spin_once(0.1)
     assert len(words) == 6
@@ -142,7 +142,7 @@ def test_no_topic_gets_ahead_of_one_whose_message_comes_meanwhile(
     def first(message: String) -> None:
         if not words:
             other.publish(String(data="other"))
-            time.sleep(0.2)  # so that it is there
+            assert other.wait_for_all_acked()  # it is there
         words.append(message.data)
 
     node.create_subscription(String, "one", first, 10)
@@ -155,7 +155,7 @@ def test_no_topic_gets_ahead_of_one_whose_message_comes_meanwhile(
     )
     for word in ("a", "b", "c"):
         one.publish(String(data=word))
-    time.sleep(0.2)  # so that all of them are there
+    assert one.wait_for_all_acked()  # all of them are there
     while not words:
         executor.spin_once(0.1)
     assert words == ["a", "b", "other", "c"]
@@ -177,7 +177,7 @@ def test_a_callback_that_raises_costs_no_other_message(made: Made, listener: Lis
     served(executor, listener, lambda: all(each.get_subscription_count() for each in outputs))
     for output in outputs:
         output.publish(String(data=output.topic))
-    time.sleep(0.2)  # so that all of them are ready at once
+    assert all(each.wait_for_all_acked() for each in outputs)  # all of them are ready at once
     with pytest.raises(ValueError, match="this word is bad"):
         served(executor, listener, lambda: False)
     served(executor, listener, lambda: len(taken) == 2)

@@ -347,6 +347,8 @@ def test_several_rovers_in_one_process_and_in_two_estimate_as_if_they_were_alone
     events = list(drive_messages(message_types.make, 6.0))
     parts = [events[at : at + len(events) // 3] for at in range(0, len(events), len(events) // 3)]
     rovers = [Rover(listener, f"rover{number}", part) for number, part in enumerate(parts, start=1)]
+    # the other process has matched our readers: no estimate is lost
+    listener.wait_for_messages(rovers[2].health, 1)
     without_namespace = listener.collect(TerrainEstimate, "/terrain_estimate")
     for step in range(STEPS):
         if step == RESET_AFTER:

@@ -120,6 +120,12 @@ def test_a_recorder_writes_while_it_is_active_and_notes_who_estimated(
         )
         wait_until(lambda count=count: recorded(folder) == 2 * count, "both are recorded")  # type: ignore[misc]
         assert change(listener, "recorder", Transition.TRANSITION_DEACTIVATE)
+        # the next publishers must not match the subscriptions of now
+        for topic in ("wheel_slip", "estimator_health"):
+            listener.spin_until(
+                lambda topic=topic: not listener.node.count_subscribers(topic),  # type: ignore[misc]
+                "it has unsubscribed",
+            )
         slips.publish(WheelSlip(sequence=100))
         for publisher in (slips, health):
             listener.node.destroy_publisher(publisher)

@@ -5,7 +5,6 @@
 import math
 import re
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -62,8 +61,8 @@ def test_it_advises_once_a_period_and_says_when_it_does_not_know_yet(
     for topic, _, message in drive_messages(message_types.make, 3.0):
         outputs[topic].publish(message)
         if topic == "imu":
-            if not sent:  # nothing tells that the planner has taken the first measurements
-                time.sleep(1.0)
+            if not sent:  # the planner has the first measurements, and takes them before this
+                assert all(output.wait_for_all_acked() for output in outputs.values())
             stamp = message.header.stamp
             estimates.publish(
                 estimate(message.header, identified=stamp.sec + 1e-9 * stamp.nanosec >= 101.45)
@@ -135,7 +134,8 @@ def test_the_documented_reader_says_when_to_use_the_estimate(
     process.wait_for_output(rf"{re.escape(numbers)}: do not use them: converging; not identified")
     estimates.publish(estimate(Header(), identified=True))
     process.wait_for_output(rf"{re.escape(numbers)}: use them\n")
-    process.wait_for_output("do not use them: no new estimate for 3 s")
+    # usually 3 s, but a busy machine may miss that second
+    process.wait_for_output("do not use them: no new estimate for [3-9] s")
     message = estimate(Header(), identified=True)
     message.status = TerrainEstimate.DISAGREES
     estimates.publish(message)
@@ -161,7 +161,10 @@ def test_the_documented_subscriber_stops_before_a_soft_patch_and_creeps_on_when_
     process = start.command("bash", str(EXAMPLES / "soft_patch.sh"), "true", "3.0", "45.0")
     process.wait_for_output("stop: the ground under the front wheels", timeout=120.0)
     listener.spin_until(
-        lambda: found[-1].stop and math.isnan(found[-1].measured_slip), "the rover stands", 60.0
+        # the first of them is taken here: no callback ran before
+        lambda: found and found[-1].stop and math.isnan(found[-1].measured_slip),
+        "the rover stands",
+        60.0,
     )
     assert listener.call(Trigger, "planner/resume", Trigger.Request()).success
     process.wait_for_output("creep: no measurement while driving", timeout=60.0)

@@ -126,6 +126,8 @@ def test_slip_and_estimates_follow_from_the_topics_and_joints_of_a_platform(
     }
     commands = listener.publisher(Twist, "/cmd_vel", timeout=60.0)
     processes["estimator"].wait_for_output("matched all inputs", timeout=60.0)
+    for topic in ("wheel_slip", "terrain_estimate"):  # of which the bag is to have all
+        processes["recorder"].wait_for_output(f"matched /{topic} ", timeout=60.0)
     for count, step in enumerate(STEPS, start=1):
         commands.publish(Twist())
         for name, message in messages(step).items():

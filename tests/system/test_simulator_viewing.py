@@ -24,6 +24,7 @@ def test_every_step_has_the_transform_of_its_odometry_and_the_wheels_in_the_body
     parameters = [word for each in given for word in ("-p", each)]
     process = start("rover_sim_node", "simulator", "--ros-args", *parameters)
     odometry = listener.collect(Odometry, "odom")
+    listener.wait_for_messages(odometry, 1)  # so that no transform is older
     transforms = listener.collect(TFMessage, "/tf")
     drawn = listener.collect(MarkerArray, "wheel_markers")
     for messages in (odometry, transforms, drawn):
@@ -31,7 +32,7 @@ def test_every_step_has_the_transform_of_its_odometry_and_the_wheels_in_the_body
     poses = {
         (each.header.stamp.sec, each.header.stamp.nanosec): each.pose.pose for each in odometry
     }
-    for message in transforms[1:5]:  # the first odometry may have come before we listened
+    for message in transforms[1:5]:
         (transform,) = message.transforms
         assert (transform.header.frame_id, transform.child_frame_id) == ("track", "chassis")
         pose = poses[transform.header.stamp.sec, transform.header.stamp.nanosec]

@@ -51,6 +51,7 @@ def test_slip_from_wheel_rates_and_odometry_is_that_of_the_wheels(
         for topic in ("joint_states", "odom")
     }
     measured, reports, last = [], listener.collect(DiagnosticArray, "/diagnostics"), {}
+    listener.wait_for_messages(reports, 1)  # the node has matched our readers: no slip is lost
     for topic, _, message in drive_messages(message_types.make, 3.0):
         last[topic] = message
         if topic in outputs:

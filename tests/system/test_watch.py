@@ -51,20 +51,20 @@ def test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates(
     assert process.output.count("no data") == 1
     publishers = {topic: listener.publisher(kind, topic) for topic, kind in KINDS.items()}
     begin_s = time.monotonic()
-    for number in range(30):
-        due_s = begin_s + 0.05 * number
+    for number in range(20):
+        # so seldom that what delays single messages on a busy machine hardly moves the median
+        due_s = begin_s + 0.2 * number
         wait_until(lambda due_s=due_s: time.monotonic() >= due_s, "the message is due")  # type: ignore[misc]
         for topic, kind in KINDS.items():
             publishers[topic].publish(kind(sequence=number))
     process.wait_for_output("tan phi")
     assert process.interrupt() == 0
     assert "wheel_slip: messages come now" in process.output
-    # 1.5 s of messages: a line every 0.1 s would be 15, every 1 s would be 2
+    # 4 s of messages: a line for each would be 20, a line every 1 s would be 4
     assert process.output.count("tan phi") > 5
     report = json.loads((tmp_path / "report.json").read_text())
-    assert report["rate_hz"]["wheel_slip"] == pytest.approx(
-        10.0, rel=0.1
-    )  # 20 a second, at twice real time
+    # 5 a second, at twice real time
+    assert report["rate_hz"]["wheel_slip"] == pytest.approx(2.5, rel=0.1)
 
 
 def test_a_stop_is_printed_at_once_with_its_way_out_and_stays_on_every_line(

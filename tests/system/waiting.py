@@ -9,6 +9,7 @@ from typing import TypeVar
 
 T = TypeVar("T")
 INTERVAL = 0.005  # [s] between two looks at a condition
+PATIENCE_S = 60.0  # a process that starts on a slow and busy machine takes a quarter of it
 
 
 class TimeOutError(AssertionError):
@@ -18,7 +19,7 @@ class TimeOutError(AssertionError):
 def wait_until(
     condition: Callable[[], T],
     what: str,
-    timeout: float = 20.0,
+    timeout: float = PATIENCE_S,
     seen: Callable[[], object] = lambda: "",
 ) -> T:
     """Return the first true value of the condition.

@@ -25,14 +25,16 @@ from tests.samples import sampled
 SETUP = Path(__file__).parents[3] / "terrain_estimator" / "setup.py"
 ENDING_S = 30.0
 WORKING = """
-import sys, time
+import os, sys, time
 from terrain_estimator.console.interrupting import interruptible
 from studies.workers import workers
 
 @interruptible
 def main():
     with workers(2) as pool:
-        list(pool.map(time.sleep, [1.0] * 6))  # both are up then
+        up = set()
+        while len(up) < 2:  # both of them have taken something
+            up |= {each.result() for each in [pool.submit(os.getpid) for _ in range(20)]}
         print("working", flush=True)
         return len([pool.submit(time.sleep, 600.0) for _ in range(5)][0].result())
 

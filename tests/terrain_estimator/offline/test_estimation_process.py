@@ -186,7 +186,7 @@ def _dead(process: Path) -> bool:
     """Return whether a process has ended and only waits for its new parent to notice."""
     try:
         return (process / "stat").read_text().rpartition(")")[2].split()[0] == "Z"
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):  # before and after the file was opened
         return True
 
 
