@@ -3,6 +3,8 @@
 """A few hidden cases from drive to verdict, and counts of answers; `make hidden` runs hundreds."""
 
 import hashlib
+import json
+import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +18,7 @@ from terramechanics.presets import load_rover, load_soil
 from tests.hidden.cases import ROVERS, Plan, draw_cases, simulate_cases
 from tests.hidden.generators import GENERATORS
 from tests.hidden.ground import SPREAD, draw_ground
-from tests.hidden.judge.__main__ import FROZEN
+from tests.hidden.judge.__main__ import FROZEN, KEPT, ROVER_FROZEN
 from tests.hidden.judge.bars import (
     bars,
     conditions,
@@ -312,6 +314,29 @@ def test_readings_of_a_rover_that_is_off_are_computed_with_the_radius_of_its_fil
     read = measured.slip.view(*slip.shape, -1).mean(-1)
     assert float((read - slip).mean()) == pytest.approx(0.0, abs=2e-3)
     assert float((read - seen.slip).mean()) < -5e-3
+
+
+@pytest.mark.parametrize("name", ["field", "rover"])
+def test_records_that_are_kept_are_those_of_cases_each_once_with_its_commit(name: str) -> None:
+    lines = (KEPT / f"{name}.jsonl").read_text(encoding="utf-8").splitlines()
+    records = [json.loads(line) for line in lines]
+    batches_of = {
+        "field": field_batches(FROZEN),
+        "rover": [
+            *rover_batches(ROVER_FROZEN),
+            *rover_batches(ROVER_FROZEN, untold=True),
+        ],
+    }[name]
+    plans = {key: each.plan for each in batches_of for key in each.keys}
+    keys = [each["key"] for each in records]
+    assert len(keys) == len(set(keys))
+    assert set(keys) <= set(plans)
+    for each in records:
+        assert re.fullmatch(r"[0-9a-f]{8,}", each["commit"])
+        assert each["right"] in (True, False)
+        if not plans[each["key"]].beyond:  # there the size counts, too
+            sizes = each["equivalents"]
+            assert each["right"] == right(each["outcome"], plans[each["key"]], sizes), each["key"]
 
 
 def test_told_and_untold_are_compared_case_by_case() -> None:
