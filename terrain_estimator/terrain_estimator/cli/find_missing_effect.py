@@ -41,7 +41,6 @@ from terrain_estimator.discovery.hypotheses.library import (
     singles_by_wheel,
 )
 from terrain_estimator.discovery.hypotheses.rover_doubt import (
-    CERTAIN,
     DOUBTABLE,
     ORDINARY,
     ORDINARY_CENTRE,
@@ -50,6 +49,7 @@ from terrain_estimator.discovery.hypotheses.rover_doubt import (
     rover_doubt,
 )
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
+from terrain_estimator.discovery.progress import ProgressCallback
 from terrain_estimator.discovery.proof.on_request import or_on_request
 from terrain_estimator.discovery.proof.soil_proof import Proven, proven_or_told
 from terrain_estimator.discovery.report.diagnosis import Diagnosis, diagnose
@@ -57,7 +57,7 @@ from terrain_estimator.discovery.report.finding import part_of
 from terrain_estimator.discovery.report.investigation import (
     investigate,
     investigate_as_told,
-    is_tolerance,
+    may_be_the_file,
 )
 from terrain_estimator.files.journal_file import JournalError
 from terrain_estimator.files.results import ResultFolder
@@ -236,23 +236,30 @@ def _answer_in_doubt(
 ) -> tuple[Proven, Diagnosis, dict[str, Any]]:
     """Return the finding, what stands beside it, and the entry of deviations that nobody stated.
 
-    Where nobody stated any, and what is named is no more than rover files are usually off by, the
+    Where nobody stated any, and the answer may be no more than rover files are usually off by, the
     search is made again with these constants in doubt.
     """
 
-    def answer(doubt: RoverDoubt) -> tuple[Proven, Diagnosis]:
+    def study(doubt: RoverDoubt) -> Study:
         there = dataclasses.replace(nominal, doubt=doubt)
-        study = Study(there, usable.blocks, contributions=usable.contributions)
-        return _answer(options, study, hypotheses, soils, held_out, report)
+        return Study(there, usable.blocks, contributions=usable.contributions)
 
-    outcome, diagnosis = answer(nominal.doubt)
-    untold = options.rover_sd is None and nominal.places is None
-    usual = ordinary_doubt(nominal.rover) if untold else CERTAIN
-    if not is_tolerance(outcome.finding, usual):
+    asked_for = hypotheses, soils, held_out
+    outcome, diagnosis = _answer(options, study(nominal.doubt), *asked_for, report.at)
+    if options.rover_sd is not None or nominal.places is not None:
         return outcome, diagnosis, {}
-    names = [each.label for each in outcome.finding.judgement.named]
-    entry = {"named": names, "rover_sd": {each.name: each.sd for each in usual}}
-    return *answer(usual), {"rover_tolerance": entry}
+    usual = partial(study, ordinary_doubt(nominal.rover))
+    again = may_be_the_file(outcome.finding, usual, read_thresholds())
+    if again is None:
+        return outcome, diagnosis, {}
+    judgement = outcome.finding.judgement
+    entry = {
+        "verdict": str(judgement.verdict),
+        "named": [each.label for each in judgement.named],
+        "rover_sd": {each.name: each.sd for each in again.nominal.doubt},
+    }
+    last = part_of(report.at, 0.9, 1.0)
+    return *_answer(options, again, *asked_for, last), {"rover_tolerance": entry}
 
 
 def _answer(
@@ -261,27 +268,27 @@ def _answer(
     hypotheses: list[Hypothesis],
     soils: RunSoils,
     held_out: Runs,
-    report: ProgressReport,
+    progress: ProgressCallback,
 ) -> tuple[Proven, Diagnosis]:
     """Return the finding with the held-out runs counted, and what stands beside it."""
     hypotheses = study.doubting(hypotheses)
     searched = study, hypotheses, read_thresholds()
-    searching = part_of(report.at, 0.0, 0.85)
+    searching = part_of(progress, 0.0, 0.85)
     finding = (
         investigate(*searched, searching, soils.at_hand)
         if study.nominal.places is None
         else investigate_as_told(*searched, searching, 0.0)
     )
-    report.at(0.85, "held-out runs")
-    as_told = partial(investigate_as_told, *searched, part_of(report.at, 0.9, 0.95))
+    progress(0.85, "held-out runs")
+    as_told = partial(investigate_as_told, *searched, part_of(progress, 0.9, 0.95))
     kept = held_out.blocks, options.seed, held_out.contributions
     finding, outcome = proven_or_told(finding, study, as_told, *kept)
     if not options.library and study.nominal.places is None:  # by wheel these have no columns
-        last = part_of(report.at, 0.9, 0.95)
+        last = part_of(progress, 0.9, 0.95)
         finding, outcome = or_on_request(finding, outcome, study, searched[2], last, *kept)
     named = [each.hypothesis for each in finding.candidates if len(each.hypothesis.effects) == 1]
     considered = [*hypotheses, *(each for each in named if each not in hypotheses)]
-    return outcome, diagnose(study, considered, finding, report.at)
+    return outcome, diagnose(study, considered, finding, progress)
 
 
 def _by_wheel(options: argparse.Namespace) -> list[Hypothesis]:

@@ -212,14 +212,16 @@ def exact_words(constants: Sequence[str]) -> str:
 
 
 def tolerance_words(tolerance: Mapping[str, Any]) -> str:
-    """Return in one line which name is no more than a rover file is off by; empty for none."""
+    """Return in one line what was found on an exact rover file; empty where that is the answer."""
     if not tolerance:
         return ""
     named = words(tolerance["named"])
+    if tolerance["verdict"] == "unknown":
+        named = f"unknown (closest: {named})" if named else "unknown"
     taken = ",".join(f"{name}={sd:.2g}" for name, sd in tolerance["rover_sd"].items())
     return (
-        f"with an exact rover file the answer is {named}, of a size that files are usually off by:"
-        f" this answer takes --rover-sd {taken}; state yours, or --rover-sd exact"
+        f"with an exact rover file the answer is {named}, which may be no more than files are"
+        f" usually off by: this answer takes --rover-sd {taken}; state yours, or --rover-sd exact"
     )
 
 

@@ -32,11 +32,7 @@ import torch
 from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.library import singles
-from terrain_estimator.discovery.hypotheses.rover_doubt import (
-    RoverDoubt,
-    ordinary_doubt,
-    rover_doubt,
-)
+from terrain_estimator.discovery.hypotheses.rover_doubt import ordinary_doubt, rover_doubt
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
 from terrain_estimator.discovery.proof.proof import Proof
 from terrain_estimator.discovery.proof.soil_proof import proven_or_told
@@ -44,7 +40,7 @@ from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.discovery.report.investigation import (
     investigate,
     investigate_as_told,
-    is_tolerance,
+    may_be_the_file,
 )
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.intervals import HALF_WIDTH_95
@@ -98,26 +94,28 @@ def investigated(
     observation that is taken.
     """
     car = rover or load_rover(ROVER)
-    answer = _investigated(bags, soil, car, rover_doubt(car, dict(stated or ())))
-    usual = ordinary_doubt(car)
-    if stated is None and answer and is_tolerance(answer.finding, usual):
-        return _investigated(bags, soil, car, usual)
-    return answer
-
-
-def _investigated(bags: list[Path], soil: str, car: Rover, doubt: RoverDoubt) -> Answer | None:
-    nominal = replace(nominal_of(car, load_soil(soil)), doubt=doubt)
-    found = [read_run_of(nominal, bag).blocks for bag in bags[:-1]]
+    nominal = nominal_of(car, load_soil(soil))
+    told = replace(nominal, doubt=rover_doubt(car, dict(stated or ())))
+    found = [read_run_of(told, bag).blocks for bag in bags[:-1]]
     studied = tuple(number for number, blocks in enumerate(found) if isinstance(blocks, Blocks))
     if not studied:
         return None
-    unseen = read_run_of(nominal, bags[-1], held_out=True).blocks
-    study = Study(nominal, [blocks for blocks in found if isinstance(blocks, Blocks)])
+    usable = [blocks for blocks in found if isinstance(blocks, Blocks)]
+    kept = read_run_of(told, bags[-1], held_out=True).blocks
+    unseen = [kept] if isinstance(kept, Blocks) else []
+    answer = _answer(Study(told, usable), studied, unseen)
+    if stated is not None:
+        return answer
+    usual = partial(Study, replace(nominal, doubt=ordinary_doubt(car)), usable)
+    again = may_be_the_file(answer.finding, usual, read_thresholds())
+    return _answer(again, studied, unseen) if again else answer
+
+
+def _answer(study: Study, studied: tuple[int, ...], unseen: list[Blocks]) -> Answer:
     at_hand = [load_soil(name) for name in soil_names()]
     given = (study, singles(), read_thresholds(), lambda _share, _label: None)
     finding = investigate(*given, at_hand)
-    runs = [unseen] if isinstance(unseen, Blocks) else []
-    _, outcome = proven_or_told(finding, study, partial(investigate_as_told, *given), runs)
+    _, outcome = proven_or_told(finding, study, partial(investigate_as_told, *given), unseen)
     return Answer(outcome.finding, finding, outcome.proof, studied)
 
 

@@ -3,7 +3,7 @@
 """The whole investigation of some runs: missing effects and other soils, which compete."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -28,7 +28,6 @@ from terrain_estimator.discovery.hypotheses.rover_doubt import (
     STANDS_FOR,
     STEP,
     WITHIN,
-    RoverDoubt,
     is_within,
 )
 from terrain_estimator.discovery.progress import ProgressCallback
@@ -184,14 +183,27 @@ def or_beyond(
     return dataclasses.replace(found, judgement=judgement, candidates=(best, *others))
 
 
-def is_tolerance(found: Finding, doubt: RoverDoubt) -> bool:
-    """Return whether what is named is no more than a rover file with this ``doubt`` is off by.
+def may_be_the_file(
+    found: Finding, doubted: Callable[[], Study], thresholds: Thresholds
+) -> Study | None:
+    """Return the study to search again, where an error of the rover file may be all that is found.
 
-    That is so where one of the best names, proven or not, stands for a constant of the file and is
-    smaller than its deviation allows. With the constants in doubt such a size has no name.
+    ``found`` counts the file as exact, ``doubted`` makes the study with its constants in doubt. It
+    is returned in two cases, None otherwise:
+
+    - One of the best names, proven or not, stands for a constant in doubt and is smaller than its
+      deviation allows: there such a size has no name.
+    - The answer is unknown, and there not even a discrepancy gains ``anything`` over nothing.
     """
+    if found.judgement.verdict in (Verdict.NONE, Verdict.SOIL):
+        return None
+    study = doubted()
     sizes = (found.candidate(each).sizes for each in found.judgement.named)
-    return any(is_within(doubt, ((name, size) for name, size, _ in each)) for each in sizes)
+    doubt = study.nominal.doubt
+    if any(is_within(doubt, ((name, size) for name, size, _ in each)) for each in sizes):
+        return study
+    unknown = found.judgement.verdict is Verdict.UNKNOWN
+    return study if unknown and study.gain(study.free) < thresholds.anything else None
 
 
 def _at_the_end(nothing: Candidate) -> list[str]:
