@@ -43,6 +43,11 @@ def verdict(finding: Mapping[str, Any]) -> Headline:
         sentence = most.format(likely, probability(finding["probabilities"][leader])) + sentence
     if exact := exact_words(finding.get("exact_constants") or ()):
         sentence += Markup(" {}.").format(_capital(exact))
+    for each in finding.get("rover_constants") or ():
+        if each["notable"]:
+            sentence += Markup(" {}.").format(
+                _capital(constant_words(each).removeprefix("rover: "))
+            )
     if usual := tolerance_words(finding.get("rover_tolerance") or {}):
         sentence += Markup(" {}.").format(_capital(usual))
     first = opening(finding)
@@ -220,8 +225,8 @@ def tolerance_words(tolerance: Mapping[str, Any]) -> str:
         named = f"unknown (closest: {named})" if named else "unknown"
     taken = ",".join(f"{name}={sd:.2g}" for name, sd in tolerance["rover_sd"].items())
     return (
-        f"with an exact rover file the answer is {named}, which may be no more than files are"
-        f" usually off by: this answer takes --rover-sd {taken}; state yours, or --rover-sd exact"
+        f"with an exact rover file the answer is {named}; files are usually off by as much, so"
+        f" this answer takes --rover-sd {taken}: state yours, or --rover-sd exact"
     )
 
 

@@ -147,8 +147,8 @@ def test_a_mass_that_files_are_usually_off_by_is_found_unless_the_file_is_said_t
     assert finding["rover_tolerance"]["rover_sd"]["mass"] == pytest.approx(1.81)
     assert "rover_sd" not in finding["asked"]
     taken = (
-        f"with an exact rover file the answer is unknown (closest: {closest}), which may be no more"
-        " than files are usually off by"
+        f"with an exact rover file the answer is unknown (closest: {closest}); files are usually"
+        " off by as much, so this answer takes --rover-sd mass=1.8"
     )
     assert taken in said
     assert taken[1:] in (tmp_path / "usual/report.html").read_text(encoding="utf-8")

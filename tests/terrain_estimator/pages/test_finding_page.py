@@ -185,6 +185,33 @@ def test_an_effect_that_stands_for_an_exact_constant_is_said_to_be_one() -> None
     assert "by --rover-sd mass=SD" in text
 
 
+def test_it_begins_with_a_constant_of_the_rover_that_the_runs_move_far() -> None:
+    mass = {
+        "name": "mass",
+        "unit": "kg",
+        "told": 181.0,
+        "told_sd": 1.81,
+        "found": 185.6,
+        "found_sd": 0.44,
+        "moved": 2.54,
+        "moved_sd": 0.24,
+        "effect": "payload",
+        "named": False,
+        "notable": True,
+    }
+    tolerance = {"verdict": "named", "named": ["payload"], "rover_sd": {"mass": 1.81}}
+    given = finding("none") | PLAIN | {"rover_constants": [mass], "rover_tolerance": tolerance}
+    text = finding_page(given).split('id="rover"')[0]
+    words = "mass is 4.6 kg too low, 2.5 of its stated deviations, or payload is missing."
+    assert words in text
+    assert (
+        "With an exact rover file the answer is payload; files are usually off by as much" in text
+    )
+    assert "takes --rover-sd mass=1.8: state yours, or --rover-sd exact." in text
+    near = given | {"rover_constants": [mass | {"moved": 0.5, "notable": False}]}
+    assert words not in finding_page(near).split('id="rover"')[0]
+
+
 def test_names_of_runs_are_text_and_never_markup_or_formulas() -> None:
     hostile = "<script>alert(1)</script>$x"
     given = finding("named") | PLAIN
