@@ -23,11 +23,6 @@ DEEPEST = 0.95
 Excess = Callable[[Tensor], Tensor]
 FEW = 200
 """Number of wheels below which it does not pay to treat braked wheels apart."""
-SOON = 6
-"""Newton's steps in which a search ends that begins anywhere near.
-
-The ends of the range are looked at after them, for loads that no depth carries.
-"""
 ITERATIONS = 60
 """Bisections of a safeguarded search: more than float64 can tell apart."""
 _nodes = cache(quadrature)
@@ -133,22 +128,18 @@ def equilibrium_sinkage(
         if start is None
         else start.log().clamp(low, high)
     )
-    ends = torch.stack([low, high])
-    beyond = torch.zeros_like(load, dtype=torch.bool)
+    ends = wheel.forces(slip.expand(2, *slip.shape), torch.stack([low, high]).exp())[..., 0]
+    floats, drowns = load <= ends[0], load >= ends[1]
+    depth = torch.where(floats, low, torch.where(drowns, high, depth))
     target = load.clamp(min=1e-9).log()
     small = 1e-6
-    for step in range(ITERATIONS):
-        if step == SOON:
-            floor, roof = wheel.forces(slip.expand_as(ends), ends.exp())[..., 0]
-            floats, drowns = load <= floor, load >= roof
-            depth = torch.where(floats, ends[0], torch.where(drowns, ends[1], depth))
-            beyond = floats | drowns
+    for _ in range(ITERATIONS):
         pair = torch.stack([depth, depth + small])
         normal = wheel.forces(slip.expand_as(pair), pair.exp())[..., 0].clamp(min=1e-12).log()
         gap = normal[0] - target
         low, high = torch.where(gap < 0.0, depth, low), torch.where(gap < 0.0, high, depth)
         newton = depth - gap * small / (normal[1] - normal[0])
-        done = (gap.abs() < 1e-12) | (high - low < 1e-13) | beyond
+        done = (gap.abs() < 1e-12) | (high - low < 1e-13) | floats | drowns
         if bool(done.all()):
             break
         inside = (newton > low) & (newton < high)
