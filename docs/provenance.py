@@ -60,6 +60,8 @@ _NO_FIGURES = re.compile(
 This one is among them, so that a new study does not mark the pages of the others.
 """
 _DATA = (".yaml", ".json")
+RESULTS = ("docs/*.md", "tests/hidden/records")
+"""Files that measurements write: one that ran before makes no other code of the next."""
 _MARK = " **The code has changed since.**"
 _LINE = re.compile(
     r"(?P<begin>Measured by `make (?P<command>[a-z-]+)[^`]*` on [\d-]+ at commit [^.\s]+\.)"
@@ -88,13 +90,18 @@ def _marked(line: re.Match[str]) -> str:
 
 @cache
 def commit() -> str:
-    """Return the commit of the work tree, with ``-dirty`` where files differ from it.
+    """Return the commit of the work tree, with ``-dirty`` where other files than RESULTS differ.
 
     It is that of the first call: a process keeps the code that it has loaded.
     """
-    command = ["git", "-C", str(ROOT), "describe", "--always", "--dirty"]
-    found = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
-    return found.stdout.strip() or "unknown"
+    differ = ("diff", "--quiet", "HEAD", "--", ".", *(f":(exclude){each}" for each in RESULTS))
+    found = _git("describe", "--always").stdout.strip()
+    return f"{found}{'-dirty' if _git(*differ).returncode else ''}" if found else "unknown"
+
+
+def _git(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = ["git", "-C", str(ROOT), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
 
 
 @cache

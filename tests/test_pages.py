@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pages that follow from the code, and marks of figures that were measured with another code."""
 
+import subprocess
 from pathlib import Path
 from string import Formatter
 
@@ -20,6 +21,7 @@ import studies.stream.table as stream
 import tests.faults.page as faults
 import tests.fuzz.__main__ as fuzz
 import tests.hidden.judge.page as hidden
+from docs import provenance
 from docs.pages import FOLDER, MEASURED, PAGES
 from docs.provenance import digest, measured, refreshed
 from tests.faults import million
@@ -94,3 +96,34 @@ def test_a_mark_comes_with_a_change_of_the_code_and_goes_with_a_new_measurement(
     assert "**The code has changed since.** <!-- code 0123456789abcdef -->" in older
     assert refreshed(older) == older
     assert refreshed(older.replace("0123456789abcdef", digest("paper"))) == line
+
+
+@pytest.mark.parametrize(
+    ("changed", "is_dirty"),
+    [
+        ("", False),
+        ("docs/hidden.md", False),
+        ("tests/hidden/records/field.jsonl", False),
+        ("docs/pages.py", True),
+        ("README.md", True),
+    ],
+)
+def test_results_that_were_written_before_make_no_other_commit(
+    changed: str,
+    is_dirty: bool,  # noqa: FBT001
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    files = ("docs/hidden.md", "docs/pages.py", "tests/hidden/records/field.jsonl", "README.md")
+    for name in files:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("before", encoding="utf-8")
+    who = ["-c", "user.name=A", "-c", "user.email=a@example.org"]
+    for arguments in (["init", "-q"], ["add", "."], [*who, "commit", "-q", "-m", "Begin"]):
+        subprocess.run(["git", "-C", str(tmp_path), *arguments], check=True)
+    if changed:
+        (tmp_path / changed).write_text("after", encoding="utf-8")
+    monkeypatch.setattr(provenance, "ROOT", tmp_path)
+    found = provenance.commit.__wrapped__()
+    assert found.endswith("-dirty") == is_dirty
+    assert len(found.removesuffix("-dirty")) >= 7

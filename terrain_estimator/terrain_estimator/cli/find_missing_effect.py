@@ -367,8 +367,8 @@ def search_parser(name: str = "find_missing_effect") -> argparse.ArgumentParser:
         type=deviations_or_exact,
         metavar="NAME=SD,...",
         help="standard deviations of constants of the rover file, in its units, such as"
-        f" mass=2,wheel_radius=0.0005; of {', '.join(DOUBTABLE)}; or: exact (default: exact, and"
-        f" where a name is within what files are usually off by, {_ORDINARY})",
+        f" mass=2,wheel_radius=0.0005; of {', '.join(DOUBTABLE)}; or: exact (default: exact at"
+        f" first; where an error of the file may be all that is found, {_ORDINARY})",
     )
     parser.add_argument(
         "--model",

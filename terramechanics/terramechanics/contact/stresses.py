@@ -277,7 +277,7 @@ def wheel_torque(
 
 
 class WheelForceFunction(Protocol):
-    """A function with the arguments and the result of :func:`wheel_forces`."""
+    """A function with the arguments of :func:`wheel_forces` that returns coefficients."""
 
     def __call__(
         self,
@@ -290,7 +290,7 @@ class WheelForceFunction(Protocol):
         exit_angle: Tensor | None = None,
         slip_angle: Tensor | None = None,
     ) -> Tensor:
-        """Return the coefficients that the function's own docstring gives."""
+        """Return [..., 3, 3], or [..., 4, 3] at a slip angle; of wheel_torque [..., 2]."""
 
 
 @cache

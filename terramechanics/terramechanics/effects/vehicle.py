@@ -19,7 +19,7 @@ ROUNDS = 20
 LARGEST_MOVE = 0.2
 """[1] Bound of one change of slip."""
 SETTLED = 1e-9
-"""[1] Newton's move below which the next would change nothing."""
+"""[1] Move below which the next would change nothing."""
 
 
 class DriveDrag(Law):

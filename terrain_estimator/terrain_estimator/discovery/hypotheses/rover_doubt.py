@@ -33,7 +33,10 @@ Beyond it is missing from the model: an effect may be named.
 NOTABLE = 2.0
 """[1] Stated deviations of a constant's change from which it is pointed at."""
 ORDINARY = {"mass": 0.01, "wheel_radius": 0.003}
-"""[1] Deviations over the constant that nobody stated: a sum of masses, a rule along a wheel."""
+"""[1] Standard deviations over the constant, taken where nobody states any.
+
+Masses that are summed part by part, a wheel that is measured with a rule.
+"""
 ORDINARY_CENTRE = 0.01
 """[1] The same of the centre of mass along the body, over the wheelbase."""
 STEP = 0.01
