@@ -10,11 +10,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from tests.system.waiting import PATIENCE_S
 
 CHROMIUM = (
     shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 )
+expect.set_options(timeout=1000.0 * PATIENCE_S)
 needs_chromium = pytest.mark.skipif(
     CHROMIUM is None, reason="no chromium on this machine: sudo apt-get install chromium"
 )
@@ -50,6 +53,7 @@ def opened(
         offline=isinstance(source, Path),
         color_scheme="dark" if scheme == "dark" else "light",
     )
+    context.set_default_timeout(1000.0 * PATIENCE_S)
     result = Opened(context.new_page())
     result.page.on("console", lambda message: result.said.append(message.text))
     result.page.on("pageerror", lambda error: result.said.append(str(error)))

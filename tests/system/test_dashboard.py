@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, expect
 
 from terrain_estimator.dashboard.values import TOPICS
 from terrain_estimator.nodes.common.message_types import make, message_class
@@ -141,17 +141,21 @@ def test_the_page_shows_what_the_topics_say_to_everybody_and_asks_nobody_else(
         page.locator("#stopped").wait_for()  # the advice came last
         expected = values_now(last)
         assert sum(len(values) for values in expected.values()) >= 20
-        assert {selector: shown(page, selector) for selector in expected} == expected
-        assert page.locator("#stop").inner_text() == "Stop: the wheels slip"
+
+        def all_shown() -> dict[str, list[float]]:
+            return {selector: shown(page, selector) for selector in expected}
+
+        # topics keep no order among one another
+        wait_until(lambda: all_shown() == expected, f"the page shows {expected}", seen=all_shown)
+        expect(page.locator("#stop")).to_have_text("Stop: the wheels slip")
         history_equals_the_topics(page)
-        assert re.fullmatch(
-            r"Cohesion c: (now|last) 1.54, 95 percent between 1.34 and 1.74 kPa",
-            page.locator("#cohesion canvas").get_attribute("aria-label") or "",
+        expect(page.locator("#cohesion canvas")).to_have_attribute(
+            "aria-label",
+            re.compile(r"^Cohesion c: (now|last) 1.54, 95 percent between 1.34 and 1.74 kPa$"),
         )
         depths = "front left 15.4, front right 16.4, rear left 17.4, rear right 18.4 mm"
-        assert re.fullmatch(
-            f"Sinkage (now|last): {depths}",
-            page.locator("#sinkage canvas").get_attribute("aria-label") or "",
+        expect(page.locator("#sinkage canvas")).to_have_attribute(
+            "aria-label", re.compile(f"^Sinkage (now|last): {depths}$")
         )
         usable_by_everybody(page)
         assert it.said == []
@@ -168,11 +172,15 @@ def history_equals_the_topics(page: Page) -> None:
     slip = [dict(instant(make, step))["wheel_slip"].slip[1] for step in steps]
     for name, column, said in (("cohesion", 2, cohesion), ("slip", 3, slip)):
         page.locator(f"#{name} summary").click()
-        cells = f"#{name} tbody tr td:nth-child({column}) data"
-        page.locator(cells).first.wait_for()
+        awaits_all(page, f"#{name} tbody tr td:nth-child({column}) data", said)
+
+
+def awaits_all(page: Page, cells: str, said: list[float]) -> None:
+    def equal() -> bool:
         values = shown(page, cells)
-        assert len(values) > 10
-        assert values == pytest.approx(said[: len(values)], rel=1e-6)
+        return len(values) > 10 and values == pytest.approx(said[: len(values)], rel=1e-6)
+
+    wait_until(equal, f"{cells} shows {said}", seen=lambda: shown(page, cells))
 
 
 def usable_by_everybody(page: Page) -> None:
@@ -183,10 +191,10 @@ def usable_by_everybody(page: Page) -> None:
     page.locator("#recent").focus()
     page.keyboard.press("Tab")
     page.keyboard.press("Enter")
-    assert page.locator("#whole").get_attribute("aria-pressed") == "true"
+    expect(page.locator("#whole")).to_have_attribute("aria-pressed", "true")
     page.keyboard.press("Tab")
     page.keyboard.press("Space")
-    assert page.locator("#connection").inner_text() == "paused"
+    expect(page.locator("#connection")).to_have_text("paused")
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -202,18 +210,19 @@ def test_what_has_ended_is_old_and_not_identified_and_a_stop_stays_with_its_way_
         rover.drive(range(STEPS))
         rover.say("traction_advice", advice(make, STEPS, stop=True))
         page.locator("#stopped").wait_for()
-        assert page.locator("#resume").inner_text() == (
+        expect(page.locator("#resume")).to_have_text(
             "ros2 service call /rover1/planner/resume std_srvs/srv/Trigger"
         )
-        assert page.evaluate("getComputedStyle(stopped).backgroundColor") == "rgb(179, 38, 30)"
+        expect(page.locator("#stopped")).to_have_css("background-color", "rgb(179, 38, 30)")
         page.locator("#verdict[data-level=old]").wait_for()
-        page.locator("#now > .stale .age").first.wait_for()
-        assert page.locator("#now > :not(.stale)").count() == 0
+        # every topic ages by itself
+        expect(page.locator("#now > *")).not_to_have_count(0)
+        expect(page.locator("#now > :not(.stale)")).to_have_count(0)
         header = page.locator("header").inner_text()
         assert re.search(r"no current estimate\s+The last estimate is \d+ s old", header)
         for text in (header, page.locator("#now").inner_text()):
             assert "identified" not in text
-        assert page.locator("#stop").inner_text() == "Stop: the wheels slip"
+        expect(page.locator("#stop")).to_have_text("Stop: the wheels slip")
         drawn_when_scrolled_to(page)
         found = Axe().run(page)
         assert found.violations_count == 0, found.generate_report()
@@ -286,7 +295,7 @@ def test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken
             return number(it.page, '[data-path="terrain_estimate/cohesion"]') == 1500.0 + step
 
         wait_until(returned, "the page shows what is said after the restart")
-        assert connection.get_attribute("data-state") == "live"
+        expect(connection).to_have_attribute("data-state", "live")
         assert all("ERR_CONNECTION_REFUSED" in text for text in it.said), it.said
     again.wait_for_output(
         "no data on wheel_slip since the start: /wheel_slip has a publisher, which says nothing:"
