@@ -16,14 +16,12 @@ import torch
 from studies.foreign.drives import observations_of
 from studies.foreign.logs import log_names, measured_columns, read_log
 from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.discovery.answer import Question, answered
 from terrain_estimator.discovery.evidence.study import Study
-from terrain_estimator.discovery.evidence.verdict import read_thresholds
 from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
-from terrain_estimator.discovery.proof.on_request import or_on_request
 from terrain_estimator.discovery.proof.scores import RowScore
-from terrain_estimator.discovery.proof.soil_proof import Proven, proven_or_told
-from terrain_estimator.discovery.report.investigation import investigate, investigate_as_told
+from terrain_estimator.discovery.proof.soil_proof import Proven
 from terrain_estimator.discovery.runs import Blocks, Refusals, cut, run_of
 from terrain_estimator.learning.finding_model import prior_of
 from terramechanics.presets import load_rover, load_soil, soil_names
@@ -96,17 +94,14 @@ def searched(soil: str, law: str, library: str, seed: int) -> Searched:
     used = [name for name in names if name not in kept]
     with torch.inference_mode():
         study = Study(nominal, [_blocks(name, nominal, seed) for name in used])
-        hypotheses, thresholds = singles(LIBRARIES[library], rover.axles), read_thresholds()
-        others = [load_soil(name) for name in soil_names() if name != SOIL]
-        told = study, hypotheses, thresholds, _silent
-        finding = investigate(*told, others)
-        unseen = [_blocks(name, nominal, seed) for name in kept]
-        found = proven_or_told(
-            finding, study, lambda explained: investigate_as_told(*told, explained), unseen, seed
+        question = Question(
+            singles(LIBRARIES[library], rover.axles),
+            [load_soil(name) for name in soil_names() if name != SOIL],
+            [_blocks(name, nominal, seed) for name in kept],
+            seed,
+            on_request=library == DEFAULT,
         )
-        if library == DEFAULT:
-            found = or_on_request(*found, study, thresholds, _silent, unseen, seed)
-        outcome = found[1]
+        outcome = answered(study, question, _silent).outcome
     truth = read_log(used[0]).truth
     return _told(f"{soil}_{law}", library, used, (float(truth[0]), float(truth[1])), outcome, start)
 

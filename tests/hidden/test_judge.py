@@ -65,13 +65,14 @@ FIXED = {
 def test_a_sealed_case_gets_the_right_verdict(name: str, tmp_path: Path) -> None:
     case = draw_cases(FIXED[name], 1, SEED - 1)[0]
     with torch.inference_mode():
-        answer = investigated(seal(case, tmp_path / "bags"), case.truth.soil)
-    assert answer is not None
-    record = judged(case, answer)
+        found = investigated(seal(case, tmp_path / "bags"), case.truth.soil)
+    assert found is not None
+    record = judged(case, *found)
     assert record["right"], record
     if record["outcome"] in ("exact", "set"):
-        assert answer.proof is not None
-        assert answer.proof.added
+        proof = found[0].outcome.proof
+        assert proof is not None
+        assert proof.added
         assert record["gap_closed"] > 0.5
 
 

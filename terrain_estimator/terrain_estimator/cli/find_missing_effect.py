@@ -31,8 +31,8 @@ from terrain_estimator.console.arguments import (
 )
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
+from terrain_estimator.discovery.answer import Question, answered, answered_with_ordinary_doubt
 from terrain_estimator.discovery.evidence.study import Study
-from terrain_estimator.discovery.evidence.verdict import read_thresholds
 from terrain_estimator.discovery.hypotheses.library import (
     NOT_BY_WHEEL,
     ON_REQUEST,
@@ -44,21 +44,13 @@ from terrain_estimator.discovery.hypotheses.rover_doubt import (
     DOUBTABLE,
     ORDINARY,
     ORDINARY_CENTRE,
-    RoverDoubt,
-    ordinary_doubt,
     rover_doubt,
 )
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
 from terrain_estimator.discovery.progress import ProgressCallback
-from terrain_estimator.discovery.proof.on_request import or_on_request
-from terrain_estimator.discovery.proof.soil_proof import Proven, proven_or_told
+from terrain_estimator.discovery.proof.soil_proof import Proven
 from terrain_estimator.discovery.report.diagnosis import Diagnosis, diagnose
 from terrain_estimator.discovery.report.finding import part_of
-from terrain_estimator.discovery.report.investigation import (
-    investigate,
-    investigate_as_told,
-    may_be_the_file,
-)
 from terrain_estimator.files.journal_file import JournalError
 from terrain_estimator.files.results import ResultFolder
 from terrain_estimator.learning.finding_model import (
@@ -107,6 +99,8 @@ _ORDINARY = (  # for a help text, in which % is doubled
     f" centre_of_mass_x {100 * ORDINARY_CENTRE:g} %% of the wheelbase"
 )
 _MODEL_FILES = (MODEL, "model.json", "model" + DRIVE)
+_READING = 0.03
+"""[1] Approximate share of the time that reading takes."""
 SEARCH = "search.json"
 """What an unfinished search on a cluster was asked; beside its finished pieces."""
 
@@ -172,10 +166,18 @@ def search(options: argparse.Namespace) -> int:
         ):
             read = partial(_read, options, place, grounds=grounds, reading=reading, report=report)
             usable, kept = read(runs), read(held_out, held_out=True)
-            unseen = kept.blocks
-            refuse_equal([*usable.blocks, *unseen])
-            outcome, diagnosis, tolerance = _answer_in_doubt(
-                options, nominal, usable, hypotheses, soils, kept, report
+            refuse_equal([*usable.blocks, *kept.blocks])
+            study = Study(nominal, usable.blocks, contributions=usable.contributions)
+            question = Question(
+                hypotheses,
+                soils.at_hand,
+                kept.blocks,
+                options.seed,
+                kept.contributions,
+                on_request=not options.library,
+            )
+            outcome, diagnosis, tolerance = _told(
+                study, question, report.at, stated=options.rover_sd is not None
             )
         told = {
             "damaged": usable.damaged | kept.damaged,
@@ -184,7 +186,7 @@ def search(options: argparse.Namespace) -> int:
             "provenance": provenance(nominal.rover, soils),
             **tolerance,
         }
-        content = finding_content(outcome, diagnosis, usable.blocks, unseen) | told
+        content = finding_content(outcome, diagnosis, usable.blocks, kept.blocks) | told
         with results.renewing(*names, SEARCH) as new:
             write_finding(new, content)
             model = write_model(
@@ -225,70 +227,26 @@ def search(options: argparse.Namespace) -> int:
     return 0
 
 
-def _answer_in_doubt(
-    options: argparse.Namespace,
-    nominal: Nominal,
-    usable: Runs,
-    hypotheses: list[Hypothesis],
-    soils: RunSoils,
-    held_out: Runs,
-    report: ProgressReport,
+def _told(
+    study: Study, question: Question, progress: ProgressCallback, *, stated: bool
 ) -> tuple[Proven, Diagnosis, dict[str, Any]]:
-    """Return the finding, what stands beside it, and the entry of deviations that nobody stated.
-
-    Where nobody stated any, and the answer may be no more than rover files are usually off by, the
-    search is made again with these constants in doubt.
-    """
-
-    def study(doubt: RoverDoubt) -> Study:
-        there = dataclasses.replace(nominal, doubt=doubt)
-        return Study(there, usable.blocks, contributions=usable.contributions)
-
-    asked_for = hypotheses, soils, held_out
-    outcome, diagnosis = _answer(options, study(nominal.doubt), *asked_for, report.at)
-    if options.rover_sd is not None or nominal.places is not None:
-        return outcome, diagnosis, {}
-    usual = partial(study, ordinary_doubt(nominal.rover))
-    again = may_be_the_file(outcome.finding, usual, read_thresholds())
-    if again is None:
-        return outcome, diagnosis, {}
-    judgement = outcome.finding.judgement
+    """Return the finding, what stands beside it, and the entry of deviations that nobody stated."""
+    searching = part_of(progress, _READING, 0.95)
+    answer, exact = (
+        (answered(study, question, searching), None)
+        if stated
+        else answered_with_ordinary_doubt(study, question, searching)
+    )
+    diagnosis = diagnose(answer.study, answer.considered(question), answer.asked, progress)
+    if exact is None:
+        return answer.outcome, diagnosis, {}
+    judgement = exact.outcome.finding.judgement
     entry = {
         "verdict": str(judgement.verdict),
         "named": [each.label for each in judgement.named],
-        "rover_sd": {each.name: each.sd for each in again.nominal.doubt},
+        "rover_sd": {each.name: each.sd for each in answer.study.nominal.doubt},
     }
-    last = part_of(report.at, 0.9, 1.0)
-    return *_answer(options, again, *asked_for, last), {"rover_tolerance": entry}
-
-
-def _answer(
-    options: argparse.Namespace,
-    study: Study,
-    hypotheses: list[Hypothesis],
-    soils: RunSoils,
-    held_out: Runs,
-    progress: ProgressCallback,
-) -> tuple[Proven, Diagnosis]:
-    """Return the finding with the held-out runs counted, and what stands beside it."""
-    hypotheses = study.doubting(hypotheses)
-    searched = study, hypotheses, read_thresholds()
-    searching = part_of(progress, 0.0, 0.85)
-    finding = (
-        investigate(*searched, searching, soils.at_hand)
-        if study.nominal.places is None
-        else investigate_as_told(*searched, searching, 0.0)
-    )
-    progress(0.85, "held-out runs")
-    as_told = partial(investigate_as_told, *searched, part_of(progress, 0.9, 0.95))
-    kept = held_out.blocks, options.seed, held_out.contributions
-    finding, outcome = proven_or_told(finding, study, as_told, *kept)
-    if not options.library and study.nominal.places is None:  # by wheel these have no columns
-        last = part_of(progress, 0.9, 0.95)
-        finding, outcome = or_on_request(finding, outcome, study, searched[2], last, *kept)
-    named = [each.hypothesis for each in finding.candidates if len(each.hypothesis.effects) == 1]
-    considered = [*hypotheses, *(each for each in named if each not in hypotheses)]
-    return outcome, diagnose(study, considered, finding, progress)
+    return answer.outcome, diagnosis, {"rover_tolerance": entry}
 
 
 def _by_wheel(options: argparse.Namespace) -> list[Hypothesis]:
@@ -531,10 +489,6 @@ def _read(
             " needed"
         )
     return found
-
-
-_READING = 0.03
-"""[1] Approximate share of the time that reading takes."""
 
 
 if __name__ == "__main__":

@@ -11,12 +11,14 @@
     study.with_discrepancy(candidates[0])
     # all of it, and the verdict
     finding = investigate(study, singles(), thresholds, progress, soils_at_hand)
-    # where it disagrees, which effects these runs separate, what to drive next
-    diagnosis = diagnose(study, singles(), finding, progress)
     # whether it helps on unseen runs
     proof = prove(nominal, finding.best, held_out)
     # the verdict with these runs counted
     finding = settled(finding, proof)
+    # all of that in one, as the command does it
+    answer = answered(study, Question(singles(), soils_at_hand, held_out), progress)
+    # where it disagrees, which effects these runs separate, what to drive next
+    diagnosis = diagnose(study, singles(), answer.asked, progress)
 
 Each name stands in its module:
 
@@ -43,6 +45,7 @@ Each name stands in its module:
   (``held_out``): each second from the one before (``one_step``), five seconds from the wheel rates
   alone (``rollout`` over the ``terrain``, as ``signals``). ``scores`` by row and region, the
   ``gap`` with its interval (``resampling``).
+- ``answer``: search and proof, and the search again where a rover file may be off.
 - ``next_drive``: which of some short drives (``manoeuvres``) would separate the effects in doubt
   best, and advice in words.
 - ``separation``: manoeuvres by hand, for tables of one wheel.

@@ -22,26 +22,24 @@ Such a case counts as wrong, too: "no drive".
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from terrain_estimator.discovery.evidence.study import Study
-from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
-from terrain_estimator.discovery.hypotheses.library import singles
-from terrain_estimator.discovery.hypotheses.rover_doubt import ordinary_doubt, rover_doubt
-from terrain_estimator.discovery.hypotheses.rows import nominal_of
-from terrain_estimator.discovery.proof.proof import Proof
-from terrain_estimator.discovery.proof.soil_proof import proven_or_told
-from terrain_estimator.discovery.report.finding import Finding
-from terrain_estimator.discovery.report.investigation import (
-    investigate,
-    investigate_as_told,
-    may_be_the_file,
+from terrain_estimator.discovery.answer import (
+    Answer,
+    Question,
+    answered,
+    answered_with_ordinary_doubt,
 )
+from terrain_estimator.discovery.evidence.study import Study
+from terrain_estimator.discovery.evidence.verdict import Verdict
+from terrain_estimator.discovery.hypotheses.library import singles
+from terrain_estimator.discovery.hypotheses.rover_doubt import rover_doubt
+from terrain_estimator.discovery.hypotheses.rows import nominal_of
+from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.offline.reading_runs import read_run_of
@@ -54,16 +52,6 @@ from tests.hidden.sealing import seal
 
 Record = dict[str, Any]
 ROVER = "mars_rover"
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """Answer of the workflow to a case."""
-
-    finding: Finding  # after the held-out run was asked
-    asked: Finding  # before
-    proof: Proof | None
-    studied: tuple[int, ...]  # numbers of the drives that were looked into
 
 
 def examine(batch: Batch) -> list[Record]:
@@ -81,16 +69,16 @@ def _examined(case: Case, stated: Constants | None) -> Record:
     with tempfile.TemporaryDirectory() as folder, torch.inference_mode():
         told = case.truth.plan.told or case.truth.soil
         answer = investigated(seal(case, Path(folder) / "bags"), told, case.rover, stated)
-    return judged(case, answer) if answer else without_drive(case)
+    return judged(case, *answer) if answer else without_drive(case)
 
 
 def investigated(
     bags: list[Path], soil: str, rover: Rover | None = None, stated: Constants | None = ()
-) -> Answer | None:
+) -> tuple[Answer, tuple[int, ...]] | None:
     """Investigate these bags like the command, the last held out; no pages are written.
 
-    ``stated`` are deviations of the rover's constants; None: nobody states any, and the ordinary
-    ones are taken where the command takes them. Returns None where no other drive has an
+    ``stated`` are deviations of the rover's constants; None: nobody states any. Returns the answer
+    and the numbers of the drives that were looked into; None where no drive but the last has an
     observation that is taken.
     """
     car = rover or load_rover(ROVER)
@@ -100,23 +88,18 @@ def investigated(
     studied = tuple(number for number, blocks in enumerate(found) if isinstance(blocks, Blocks))
     if not studied:
         return None
-    usable = [blocks for blocks in found if isinstance(blocks, Blocks)]
     kept = read_run_of(told, bags[-1], held_out=True).blocks
-    unseen = [kept] if isinstance(kept, Blocks) else []
-    answer = _answer(Study(told, usable), studied, unseen)
-    if stated is not None:
-        return answer
-    usual = partial(Study, replace(nominal, doubt=ordinary_doubt(car)), usable)
-    again = may_be_the_file(answer.finding, usual, read_thresholds())
-    return _answer(again, studied, unseen) if again else answer
+    study = Study(told, [blocks for blocks in found if isinstance(blocks, Blocks)])
+    question = Question(
+        singles(), list(map(load_soil, soil_names())), [kept] if isinstance(kept, Blocks) else []
+    )
+    if stated is None:
+        return answered_with_ordinary_doubt(study, question, _silent)[0], studied
+    return answered(study, question, _silent), studied
 
 
-def _answer(study: Study, studied: tuple[int, ...], unseen: list[Blocks]) -> Answer:
-    at_hand = [load_soil(name) for name in soil_names()]
-    given = (study, singles(), read_thresholds(), lambda _share, _label: None)
-    finding = investigate(*given, at_hand)
-    _, outcome = proven_or_told(finding, study, partial(investigate_as_told, *given), unseen)
-    return Answer(outcome.finding, finding, outcome.proof, studied)
+def _silent(_share: float, _label: str) -> None:
+    pass
 
 
 def outcome_of(finding: Finding, truth: tuple[str, ...]) -> str:
@@ -177,18 +160,18 @@ def _holds(finding: Finding, plan: Plan) -> bool:
     return False
 
 
-def judged(case: Case, answer: Answer) -> Record:
-    """Return the record of a case."""
-    truth, finding = case.truth, answer.finding
+def judged(case: Case, answer: Answer, studied: tuple[int, ...]) -> Record:
+    """Return the record of a case, of which the ``studied`` drives were looked into."""
+    truth, finding = case.truth, answer.outcome.finding
     outcome = outcome_of(finding, truth.plan.names)
     holds = _holds(finding, truth.plan)
-    gap = answer.proof.gap if answer.proof else None
+    gap = answer.outcome.proof.gap if answer.outcome.proof else None
     return (
         _conditions(truth)
         | {
             "outcome": outcome,
             "right": right(outcome, truth.plan, truth.equivalents, holds=holds),
-            "before_proof": outcome_of(answer.asked, truth.plan.names),
+            "before_proof": outcome_of(answer.found, truth.plan.names),
             "named": [each.label for each in finding.judgement.named],
             "soil_revised": finding.soil is not None,
             "soil_of_file": finding.soil.of_files if finding.soil else None,
@@ -201,7 +184,7 @@ def judged(case: Case, answer: Answer) -> Record:
             "gains": [(each.label, gain) for each, gain in finding.gains.named],
             "sizes": finding.best.sizes,
             "gap_closed": gap.closed if gap else None,
-            "strength": _strength(finding, truth, answer.studied),
+            "strength": _strength(finding, truth, studied),
         }
         | _constants_found(finding)
     )
