@@ -17,6 +17,7 @@ from terrain_estimator.estimator.crossing import wheelbases
 from terrain_estimator.estimator.deciding import Deciding, is_failure, without_rows
 from terrain_estimator.estimator.forecasting import Forecast, Forecasting
 from terrain_estimator.estimator.intake import Intake
+from terrain_estimator.estimator.memory import Memory
 from terrain_estimator.estimator.off_plane import SingleWheels
 from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, State, judged
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
@@ -49,12 +50,6 @@ _PATIENCE = 15
 """Blocks in a row that fit no ground at all, after which the prior holds again.
 
 A rover whose axles are on different ground while it crosses a border passes within that time.
-"""
-SHOWN_S = 400.0
-"""[s] Driving after which intervals without torques and moments were shown to hold.
-
-After an hour they do not (docs/long_drives.md): the soil constants settle slowly then, and older
-rows are linear about what they were.
 """
 
 
@@ -97,6 +92,7 @@ class Estimator:
         self._sequence = 0
         self.reopened = 0  # times that the prior came back by itself
         self.reset()
+        self._memory = Memory.of(self._runtime, self._state, self._rows)
         self._prior = self._published.estimate
         if reason := self._published.unsound:
             raise ConfigError(
@@ -273,19 +269,9 @@ class Estimator:
         """Judge the fit of the last closed blocks."""
         self._inconsistent, unconfirmed = self._consistency.judge()
         doubt = self._intake.doubt(self._config.gate_probability)
-        self._unconfirmed = doubt or unconfirmed or self._law_in_doubt or self._drove_too_long()
+        self._unconfirmed = doubt or unconfirmed or self._law_in_doubt
         self._fit = self._consistency.fits()
         self._unsound_fit = unsound_fit(self._fit)
-
-    def _drove_too_long(self) -> str:
-        """Return why the intervals may be too narrow by now; empty where they hold."""
-        without = not (self._config.use_torque or self._config.use_moments)
-        if without and self._intake.time_used_s > SHOWN_S:
-            return (
-                f"without torques and moments intervals hold for {SHOWN_S:g} s of driving, and not"
-                " for an hour: use one of them"
-            )
-        return ""
 
     def _learn(self, screening: Screening) -> Update:
         """Answer an observation that passed the screening, by the model where it fits."""
@@ -328,7 +314,10 @@ class Estimator:
         )
         if refusal is not None:
             return refusal, None
+        before_s = self._intake.time_used_s
         settled = self._keep(observation, state, report)
+        if report.closed:
+            self._fade(report, self._intake.time_used_s - before_s)
         if report.closed or not linked:
             self._summarise()
         # no acceleration is known right after a gap
@@ -398,6 +387,12 @@ class Estimator:
         settled = self._intake.take() if after_gap else 0
         self._intake.wait(min(passed_s, LONGEST_GAP * self._step_s))
         return self._intake.take() if report.closed and not after_gap else settled
+
+    def _fade(self, report: Report, passed_s: float) -> None:
+        """Let older rows lose weight where the closed second tells the soil constants little."""
+        there = np.isfinite(report.single_misses)
+        if self._memory.needs(there, self._intake.time_used_s):
+            self._state = self._memory.faded(self._runtime, self._state, passed_s)
 
     def _summarise(self) -> None:
         """Publish the present state from the next answer on."""

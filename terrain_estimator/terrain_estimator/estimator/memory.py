@@ -1,0 +1,98 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""How long a drive without torques and moments is remembered.
+
+Rows are linear about the soil constants of their time. Torques and moments tell the constants in a
+minute; velocity and load alone move them for an hour, and rows of before stay linear about what
+they were. After MEMORY_S older rows therefore lose weight, as fast as new ones come: the posterior
+is that of so long a drive, however long the rover drives on (docs/long_drives.md).
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from terrain_estimator.model.runtime import Runtime, RuntimeState
+from terrain_estimator.observation import Floats
+
+MEMORY_S = 400.0
+"""[s] Time after which a second without torques and moments has lost all but 1/e of its weight.
+
+Intervals of drives of that length hold.
+"""
+
+
+class Memory(NamedTuple):
+    """The prior of each kind of hypotheses, to which the posterior goes back, as one Gaussian."""
+
+    mean: Floats  # [K, D]
+    precision: Floats  # [K, D, D]
+    steady: NDArray[np.bool_]  # [R] rows that tell the soil constants
+
+    @classmethod
+    def of(cls, runtime: Runtime, start: RuntimeState, rows: Sequence[str]) -> "Memory":
+        """Take a state before the first observation, and the names of the model's R rows."""
+        arrays = runtime.arrays(start)
+        kinds = range(int(arrays["kind"].max()) + 1)
+        members = [arrays["kind"] == kind for kind in kinds]
+        moments = [
+            _moments(arrays["weight"][own], arrays["mean"][own], arrays["precision"][own][0])
+            for own in members
+        ]
+        told = [row.startswith("torque") or "moment" in row for row in rows]
+        means, covariances = zip(*moments, strict=True)
+        return cls(np.stack(means), np.linalg.inv(np.stack(covariances)), np.array(told))
+
+    def needs(self, there: NDArray[np.bool_], driven_s: float) -> bool:
+        """Return whether a second is to be forgotten for one with the rows ``there`` [R].
+
+        ``driven_s`` [s] is the time of driving in the posterior.
+        """
+        return driven_s > MEMORY_S and not bool((there & self.steady).any())
+
+    def faded(self, runtime: Runtime, state: RuntimeState, passed_s: float) -> RuntimeState:
+        """Return the state after older rows lost weight for ``passed_s`` [s].
+
+        Every hypothesis becomes the geometric mean of itself and of its prior, with weights L and
+        1 - L, L = exp(-passed_s / MEMORY_S): L of the information of its rows is left (Kulhavy and
+        Zarrop 1993, On a general concept of forgetting, Int. J. Control 58). Their weights stay.
+        """
+        left = math.exp(-passed_s / MEMORY_S)
+        arrays = runtime.arrays(state)
+        prior = arrays["kind"]
+        old, own = left * arrays["precision"], (1.0 - left) * self.precision[prior]
+        known = old @ arrays["mean"][:, :, None] + own @ self.mean[prior][:, :, None]
+        precision = old + own
+        covariance = np.linalg.inv(precision)
+        covariance = 0.5 * (covariance + covariance.swapaxes(1, 2))
+        mean = (covariance @ known)[:, :, 0]
+        bank = {
+            "mean": mean,
+            "covariance": covariance,
+            "precision": precision,
+            "weight": arrays["log_weight"] + _log_physical(mean, covariance),
+            "age": arrays["age"],
+            "kind": prior,
+        }
+        return runtime.publish(state, bank)
+
+
+def _moments(weight: Floats, mean: Floats, precision: Floats) -> tuple[Floats, Floats]:
+    """Return mean [D] and covariance [D, D] of a mixture of H alike but for their mean [H, D].
+
+    A soil that the prior excludes has no weight.
+    """
+    share = weight / weight.sum() if weight.any() else np.full_like(weight, 1.0 / weight.size)
+    middle = share @ mean
+    apart = mean - middle
+    return middle, np.linalg.inv(precision) + apart.T @ (share[:, None] * apart)
+
+
+def _log_physical(mean: Floats, covariance: Floats) -> Floats:
+    """Return the log of the mass [H] of Gaussians on c > 0 and tan phi > 0, as the model has it."""
+    spread = np.sqrt(2.0 * np.diagonal(covariance, axis1=1, axis2=2)[:, :2])
+    mass = [[0.5 * math.erfc(-each) for each in row] for row in (mean[:, :2] / spread).tolist()]
+    return np.log(np.maximum(mass, 1e-300)).sum(1)
