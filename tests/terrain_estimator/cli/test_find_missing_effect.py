@@ -192,9 +192,8 @@ def test_a_wrong_argument_is_refused_by_name(
     extra: list[str],
     said: str,
 ) -> None:
-    monkeypatch.setattr(
-        find_missing_effect, "investigate", None
-    )  # takes minutes: what is wrong is said before
+    # a search takes minutes: what is wrong is said before
+    monkeypatch.setattr(find_missing_effect, "Study", None)
     assert main([*bags[:2], *extra]) == 2
     assert said in capsys.readouterr().err
 

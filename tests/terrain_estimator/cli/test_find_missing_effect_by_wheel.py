@@ -155,7 +155,7 @@ def test_what_a_search_by_wheel_cannot_do_is_refused_with_advice(
     extra: list[str],
     said: str,
 ) -> None:
-    monkeypatch.setattr(find_missing_effect, "investigate_as_told", None)  # is said before
+    monkeypatch.setattr(find_missing_effect, "Study", None)  # is said before
     options = ["--rover", SKID.rover.name, "--model", model, "--out", str(tmp_path / "out")]
     assert main([*bags[:2], *options, *extra]) == 2
     assert said in capsys.readouterr().err
