@@ -92,13 +92,13 @@ class Estimator:
         self._sequence = 0
         self.reopened = 0  # times that the prior came back by itself
         self.reset()
-        self._memory = Memory.of(self._runtime, self._state, self._rows)
         self._prior = self._published.estimate
         if reason := self._published.unsound:
             raise ConfigError(
                 f"parameters prior.*: the prior's {reason}: give means and deviations of soils, in"
                 " Pa and 1"
             )
+        self._memory = Memory.of(self._runtime, self._start(), self._rows)
 
     def reset(self) -> None:
         """Forget everything but the sequence number."""
@@ -389,7 +389,7 @@ class Estimator:
         return self._intake.take() if report.closed and not after_gap else settled
 
     def _fade(self, report: Report, passed_s: float) -> None:
-        """Let older rows lose weight where the closed second tells the soil constants little."""
+        """Let all rows lose weight where the closed second tells the soil constants little."""
         there = np.isfinite(report.single_misses)
         if self._memory.needs(there, self._intake.time_used_s):
             self._state = self._memory.faded(self._runtime, self._state, passed_s)

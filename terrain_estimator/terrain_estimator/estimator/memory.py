@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """How long a drive without torques and moments is remembered.
 
-Rows are linear about the soil constants of their time. Torques and moments tell the constants in a
-minute; velocity and load alone move them for an hour, and rows of before stay linear about what
-they were. After MEMORY_S older rows therefore lose weight, as fast as new ones come: the posterior
-is that of so long a drive, however long the rover drives on (docs/long_drives.md).
+Rows are linear about the soil constants of their time, and are not linearised anew. Torques and
+moments tell the constants in a minute; velocity and load alone move them for an hour. After
+MEMORY_S all that is known therefore loses weight, as fast as new rows come: intervals are those of
+so long a drive, however long the rover drives on (docs/long_drives.md). While torques and moments
+are missing, what they told before loses weight, too.
 """
 
 import math
@@ -15,11 +16,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.model.runtime import Runtime, RuntimeState
 from terrain_estimator.observation import Floats
 
 MEMORY_S = 400.0
-"""[s] Time after which a second without torques and moments has lost all but 1/e of its weight.
+"""[s] Time without torques and moments in which rows of before lose all but 1/e of their weight.
 
 Intervals of drives of that length hold.
 """
@@ -34,7 +36,11 @@ class Memory(NamedTuple):
 
     @classmethod
     def of(cls, runtime: Runtime, start: RuntimeState, rows: Sequence[str]) -> "Memory":
-        """Take a state before the first observation, and the names of the model's R rows."""
+        """Take a state before the first observation, and the names of the model's R rows.
+
+        Raises:
+            ConfigError: a deviation of the prior is too small for its inverse.
+        """
         arrays = runtime.arrays(start)
         kinds = range(int(arrays["kind"].max()) + 1)
         members = [arrays["kind"] == kind for kind in kinds]
@@ -43,22 +49,32 @@ class Memory(NamedTuple):
             for own in members
         ]
         told = [row.startswith("torque") or "moment" in row for row in rows]
-        means, covariances = zip(*moments, strict=True)
-        return cls(np.stack(means), np.linalg.inv(np.stack(covariances)), np.array(told))
+        means, covariances = map(np.stack, zip(*moments, strict=True))
+        try:
+            precision = np.linalg.inv(covariances)
+        except np.linalg.LinAlgError:
+            precision = np.full_like(covariances, np.inf)
+        if not np.isfinite(precision).all():
+            raise ConfigError(
+                "parameters prior.*: a deviation is too small to compute with: give deviations of"
+                " soils, in Pa and 1"
+            )
+        return cls(means, precision, np.array(told))
 
     def needs(self, there: NDArray[np.bool_], driven_s: float) -> bool:
-        """Return whether a second is to be forgotten for one with the rows ``there`` [R].
+        """Return whether what is known loses weight after a second that had the rows ``there`` [R].
 
-        ``driven_s`` [s] is the time of driving in the posterior.
+        ``driven_s`` [s] is the time of driving since the prior.
         """
         return driven_s > MEMORY_S and not bool((there & self.steady).any())
 
     def faded(self, runtime: Runtime, state: RuntimeState, passed_s: float) -> RuntimeState:
-        """Return the state after older rows lost weight for ``passed_s`` [s].
+        """Return the state after all rows in it lost weight for ``passed_s`` [s].
 
         Every hypothesis becomes the geometric mean of itself and of its prior, with weights L and
         1 - L, L = exp(-passed_s / MEMORY_S): L of the information of its rows is left (Kulhavy and
-        Zarrop 1993, On a general concept of forgetting, Int. J. Control 58). Their weights stay.
+        Zarrop 1993, On a general concept of forgetting, Int. J. Control 58). The evidence of each,
+        and with it that of the soils, stays.
         """
         left = math.exp(-passed_s / MEMORY_S)
         arrays = runtime.arrays(state)
@@ -81,7 +97,7 @@ class Memory(NamedTuple):
 
 
 def _moments(weight: Floats, mean: Floats, precision: Floats) -> tuple[Floats, Floats]:
-    """Return mean [D] and covariance [D, D] of a mixture of H alike but for their mean [H, D].
+    """Return mean [D] and covariance [D, D] of a mixture of H Gaussians of one precision.
 
     A soil that the prior excludes has no weight.
     """

@@ -296,7 +296,12 @@ def test_an_unsound_number_is_named(model: LoadedModel, drive: list[Observation]
     assert unsound_answer(estimate, negative) == "velocity_variance is -1"
 
 
-def test_a_prior_without_a_sound_estimate_is_refused(model: LoadedModel) -> None:
-    values = {"prior.cohesion_mean": 1e-200, "prior.cohesion_sd": 1e-200}
-    with pytest.raises(ConfigError, match=r"parameters prior\.\*: the prior's "):
+@pytest.mark.parametrize(
+    ("mean", "words"), [(1e-200, "the prior's "), (1000.0, "a deviation is too small to compute ")]
+)
+def test_a_prior_without_a_sound_estimate_is_refused(
+    model: LoadedModel, mean: float, words: str
+) -> None:
+    values = {"prior.cohesion_mean": mean, "prior.cohesion_sd": 1e-200}
+    with pytest.raises(ConfigError, match=rf"parameters prior\.\*: {words}"):
         Estimator(model, configure(CoreConfig, values))

@@ -44,7 +44,7 @@ def estimates(
 
 
 @pytest.mark.parametrize("config", [CoreConfig(), CoreConfig(use_torque=False)])
-def test_torques_or_moments_are_never_forgotten(
+def test_nothing_is_forgotten_while_torques_or_moments_are_there(
     monkeypatch: pytest.MonkeyPatch, drive: list[Observation], config: CoreConfig
 ) -> None:
     whole = estimates(started(config), drive)
