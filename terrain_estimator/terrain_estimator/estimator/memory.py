@@ -39,25 +39,25 @@ class Memory(NamedTuple):
         """Take a state before the first observation, and the names of the model's R rows.
 
         Raises:
-            ConfigError: a deviation of the prior is too small for its inverse.
+            ConfigError: a deviation of the prior is too small or too large for its inverse.
         """
         arrays = runtime.arrays(start)
         kinds = range(int(arrays["kind"].max()) + 1)
         members = [arrays["kind"] == kind for kind in kinds]
-        moments = [
-            _moments(arrays["weight"][own], arrays["mean"][own], arrays["precision"][own][0])
-            for own in members
-        ]
         told = [row.startswith("torque") or "moment" in row for row in rows]
-        means, covariances = map(np.stack, zip(*moments, strict=True))
         try:
+            moments = [
+                _moments(arrays["weight"][own], arrays["mean"][own], arrays["precision"][own][0])
+                for own in members
+            ]
+            means, covariances = map(np.stack, zip(*moments, strict=True))
             precision = np.linalg.inv(covariances)
         except np.linalg.LinAlgError:
-            precision = np.full_like(covariances, np.inf)
+            means = precision = np.array(np.nan)
         if not np.isfinite(precision).all():
             raise ConfigError(
-                "parameters prior.*: a deviation is too small to compute with: give deviations of"
-                " soils, in Pa and 1"
+                "parameters prior.*: a deviation is too small or too large to compute with: give"
+                " deviations of soils, in Pa and 1"
             )
         return cls(means, precision, np.array(told))
 
@@ -82,7 +82,10 @@ class Memory(NamedTuple):
         old, own = left * arrays["precision"], (1.0 - left) * self.precision[prior]
         known = old @ arrays["mean"][:, :, None] + own @ self.mean[prior][:, :, None]
         precision = old + own
-        covariance = np.linalg.inv(precision)
+        try:
+            covariance = np.linalg.inv(precision)
+        except np.linalg.LinAlgError:  # the model finds out by itself what its numbers are worth
+            return state
         covariance = 0.5 * (covariance + covariance.swapaxes(1, 2))
         mean = (covariance @ known)[:, :, 0]
         bank = {

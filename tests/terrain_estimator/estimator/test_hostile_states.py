@@ -297,11 +297,15 @@ def test_an_unsound_number_is_named(model: LoadedModel, drive: list[Observation]
 
 
 @pytest.mark.parametrize(
-    ("mean", "words"), [(1e-200, "the prior's "), (1000.0, "a deviation is too small to compute ")]
+    ("mean", "sd", "words"),
+    [
+        (1e-200, 1e-200, "the prior's "),
+        (1000.0, 1e-200, "a deviation is too small or too large "),
+    ],
 )
 def test_a_prior_without_a_sound_estimate_is_refused(
-    model: LoadedModel, mean: float, words: str
+    model: LoadedModel, mean: float, sd: float, words: str
 ) -> None:
-    values = {"prior.cohesion_mean": mean, "prior.cohesion_sd": 1e-200}
+    values = {"prior.cohesion_mean": mean, "prior.cohesion_sd": sd}
     with pytest.raises(ConfigError, match=rf"parameters prior\.\*: {words}"):
         Estimator(model, configure(CoreConfig, values))
