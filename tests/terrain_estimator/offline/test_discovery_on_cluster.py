@@ -152,7 +152,7 @@ def unfinished(bags: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         def ended(*_: object) -> None:
             raise OSError("the disk is full")
 
-        patch.setattr("terrain_estimator.cli.find_missing_effect.investigate", ended)
+        patch.setattr("terrain_estimator.discovery.answer.investigate", ended)
         assert main(command(bags, out, "--workers", "2")) == 2
     assert len(keys(out)) > 10
     return out
