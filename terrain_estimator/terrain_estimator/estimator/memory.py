@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """How long a drive without torques and moments is remembered.
 
-Rows are linear about the soil constants of their time, and are not linearised anew. Torques and
-moments tell the constants in a minute; velocity and load alone move them for an hour. After
-MEMORY_S all that is known therefore loses weight, as fast as new rows come: intervals are those of
-so long a drive, however long the rover drives on (docs/long_drives.md). While torques and moments
-are missing, what they told before loses weight, too.
+Rows are linear about the soil constants of their time, and are not linearised anew. Torques tell the
+constants in a minute; velocity and load alone move them for an hour. After MEMORY_S of driving a
+second without torques and moments therefore takes weight from all that is known, what these told
+before included: intervals are those of so long a drive, however long the rover drives on
+(docs/long_drives.md).
 """
 
 import math
@@ -32,7 +32,7 @@ class Memory(NamedTuple):
 
     mean: Floats  # [K, D]
     precision: Floats  # [K, D, D]
-    steady: NDArray[np.bool_]  # [R] rows that tell the soil constants
+    telling: NDArray[np.bool_]  # [R] rows that tell the soil constants
 
     @classmethod
     def of(cls, runtime: Runtime, start: RuntimeState, rows: Sequence[str]) -> "Memory":
@@ -66,7 +66,7 @@ class Memory(NamedTuple):
 
         ``driven_s`` [s] is the time of driving since the prior.
         """
-        return driven_s > MEMORY_S and not bool((there & self.steady).any())
+        return driven_s > MEMORY_S and not bool((there & self.telling).any())
 
     def faded(self, runtime: Runtime, state: RuntimeState, passed_s: float) -> RuntimeState:
         """Return the state after all rows in it lost weight for ``passed_s`` [s].
