@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """How long a drive without torques and moments is remembered.
 
-Rows are linear about the soil constants of their time, and are not linearised anew. Torques tell the
-constants in a minute; velocity and load alone move them for an hour. After MEMORY_S of driving a
-second without torques and moments therefore takes weight from all that is known, what these told
+Rows are linear about the soil constants of their time, and are not linearised anew. Torques tell
+the constants in a minute; velocity and load alone move them for an hour. After MEMORY_S of driving
+a second without torques and moments therefore takes weight from all that is known, what these told
 before included: intervals are those of so long a drive, however long the rover drives on
 (docs/long_drives.md).
 """
