@@ -204,7 +204,7 @@ no page keeps.
   the grid of the estimator's own rows was 0.07 deviations (rms) from the estimator, but 0.26 / 0.30
   from this reference: the rows, or second-order parts of the prior. A shift by the rows of 0.2
   deviations in 10 s would be 1.3 after 400 s; there the estimator's mean error with the same rows
-  is -0.02 / +0.08 ([long_drives.md](long_drives.md)).
+  is -0.03 / +0.03 ([long_drives.md](long_drives.md)).
 - **Chosen late**: "alike" was added after 14 drives with every row had been judged by the other
   priors. Those without torques and those in brackets were judged by it for the first time.
 """
