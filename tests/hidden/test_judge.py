@@ -83,7 +83,7 @@ def test_a_case_of_which_no_drive_can_be_used_counts_as_wrong(tmp_path: Path) ->
     assert investigated(bags, case.truth.soil, load_rover("four_wheel_rover")) is None
     record = without_drive(case) | {"family": "field, one effect"}
     assert not record["right"]
-    assert "payload | 1 |  |  |  |  |  |  |  | 1 | 0 of 1" in outcomes([record])
+    assert "payload | 1 |  |  |  |  |  |  |  |  | 1 | 0 of 1" in outcomes([record])
     assert "0 of 1" in field_bars([record])
 
 
@@ -178,8 +178,22 @@ def test_outcomes_are_counted_by_family_and_effect() -> None:
             record("none", "none", "none"),
         ]
     )
-    assert f"| outside | all | 2 |  |  |  | 1 | 1 |  |  |  | {proportion(1, 2)} |" in table
-    assert f"| none | none | 1 |  |  |  |  |  | 1 |  |  | {proportion(1, 1)} |" in table
+    assert f"| outside | all | 2 |  |  |  |  | 1 | 1 |  |  |  | {proportion(1, 2)} |" in table
+    assert f"| none | none | 1 |  |  |  |  |  |  | 1 |  |  | {proportion(1, 1)} |" in table
+
+
+def test_a_right_name_with_another_beside_it_has_a_column_of_its_own() -> None:
+    """All four are wrong names; of the last the hidden pair is no part."""
+    family, hidden = "field, one effect", "failed_wheel"
+    more = [
+        (hidden, ["drive_drag + failed_wheel (axle 1)"]),
+        (hidden, ["drive_drag + failed_wheel (axle 1)", "failed_wheel (axle 2) + payload"]),
+        (hidden, ["drive_drag + failed_wheel (axle 1)", "drive_drag"]),
+        ("latency+exit_angle", ["latency + payload"]),
+    ]
+    table = outcomes([record(family, plan, "wrong name", named=named) for plan, named in more])
+    assert f"| {family} | {hidden} | 3 |  |  |  | 2 | 1 |  |  |  |  | " in table
+    assert f"| {family} | latency+exit_angle | 1 |  |  |  |  | 1 |  |  |  |  | " in table
 
 
 def test_the_section_of_the_field_is_replaced_and_the_rest_of_the_page_stays() -> None:

@@ -24,7 +24,9 @@ from tests.hidden.judge.strata import (
 
 CONFIDENCE = 0.95
 NAMES = ("exact", "set", "part", "wrong name")
-OUTCOMES = (*NAMES, "unknown", "none", "soil", NO_DRIVE)
+ONE_MORE = "one more"
+"""Column of the wrong names that are the right one and another beside it."""
+OUTCOMES = ("exact", "set", "part", ONE_MORE, "wrong name", "unknown", "none", "soil", NO_DRIVE)
 HARDER = ("payload", "grousers", "odometry_scale")
 Chosen = Callable[[Record], bool]
 
@@ -346,7 +348,7 @@ def outcomes(records: Sequence[Record]) -> str:
         plans = sorted(plan for name, plan in grouped if name == family and plan != "all")
         for plan in [*plans, "all"] if len(plans) > 1 else plans:
             group = grouped[family, plan]
-            counts = Counter(each["outcome"] for each in group)
+            counts = Counter(_column(each) for each in group)
             cells = [family, plan, str(len(group)), *(str(counts[name] or "") for name in OUTCOMES)]
             lines.append(
                 "| "
@@ -354,3 +356,17 @@ def outcomes(records: Sequence[Record]) -> str:
                 + " |"
             )
     return "\n".join(lines) + "\n"
+
+
+def _column(record: Record) -> str:
+    """Return the column that a record counts in."""
+    return ONE_MORE if _is_one_more(record) else record["outcome"]
+
+
+def _is_one_more(record: Record) -> bool:
+    """Return whether each name is the whole of what is hidden and another effect beside it."""
+    hidden = set(record["plan"].split("+"))
+    if record["outcome"] != "wrong name" or "named" not in record:
+        return False
+    names = [{part.split(" (")[0] for part in each.split(" + ")} for each in record["named"]]
+    return all(hidden < each for each in names)

@@ -51,7 +51,8 @@ A verdict is right in these cases:
 | an effect that the library lacks | "unknown" |
 | nothing but a soil that is told wrongly | "none" or "soil" |
 
-"Part" means that one of two was named.
+"Part" means that one of two was named, "one more" that the right name came with another beside it.
+Both are wrong.
 
 """
 
