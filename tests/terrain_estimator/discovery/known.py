@@ -20,15 +20,25 @@ from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.vehicle.rover import Rover
 
 MARS, LOOSE = load_rover("mars_rover"), load_soil("loose_sand")
-SIZES = {"drive_drag": 0.5, "slope_bias": 0.01, "multipass": 0.3}
+SIZES = {
+    "drive_drag": 0.5,
+    "slope_bias": 0.01,
+    "multipass": 0.3,
+    "bulldozing": 2e4,
+    "coulomb_drag": 0.1,
+}
 
 
 @cache
 def drives(name: str, rover: Rover = MARS) -> tuple[RecordedRun, ...]:
-    """Return two drives of 25 s with the soil constants as in the file."""
+    """Return two drives of 25 s with the soil constants as in the file.
+
+    ``name`` is that of an effect, of several with ``+`` between them, or empty.
+    """
     generator = torch.Generator().manual_seed(41)
     strength = torch.tensor([[2500.0, 0.6], [1500.0, 0.7]], dtype=torch.float64)
-    plant = Plant([make_effect(name, SIZES[name])]) if name else None
+    effects = [make_effect(each, SIZES[each]) for each in name.split("+") if each]
+    plant = Plant(effects) if effects else None
     drive = simulate(
         rover, Ground([Patch(LOOSE.constants(), strength)]), "S1", 25.0, generator, 2, plant=plant
     )

@@ -7,6 +7,7 @@ import torch
 from terrain_estimator.discovery.evidence.search import foresee, further, members, search
 from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.library import singles, together
+from terrain_estimator.discovery.report.finding import exchanged
 from terrain_estimator.discovery.report.investigation import investigate
 from tests.terrain_estimator.discovery.known import SIZES, study
 
@@ -57,3 +58,17 @@ def test_a_pair_with_a_member_of_no_size_is_the_other_one_alone() -> None:
     assert alone[1].fit.log_evidence > both.fit.log_evidence - 2.0
     assert found.judgement.verdict is Verdict.NAMED
     assert [each.label for each in found.judgement.named] == ["multipass"]
+
+
+def test_a_pair_whose_first_effect_only_looks_like_the_hidden_one_is_left_for_the_right_one() -> (
+    None
+):
+    """Alone slope_bias may gain more than bulldozing; beside coulomb_drag the latter does."""
+    runs = study("bulldozing+coulomb_drag")
+    slope, bulldozing, coulomb = singles(("slope_bias", "bulldozing", "coulomb_drag"))
+    with torch.inference_mode():
+        wrong = runs.explain(together(slope, coulomb), after=runs.explain(slope))
+        rule, alone = read_thresholds(), members(runs, wrong)
+        found = exchanged(runs, [slope, bulldozing, coulomb], wrong, alone, rule, quiet)
+    assert [each.hypothesis.names for each in found] == [("coulomb_drag", "bulldozing")]
+    assert runs.gain(found[0]) > runs.gain(wrong) + rule.anything

@@ -117,6 +117,35 @@ def test_a_second_effect_that_adds_little_and_leaves_something_is_none(
     assert is_pair(single, both, RULE) == verdict
 
 
+@pytest.mark.parametrize(
+    ("first", "second", "alone", "gained", "verdict"),
+    [
+        (2119.0, "coulomb_drag", 1424.0, 60.0, False),
+        (3018.0, "sinkage_bias", 70.0, 246.0, True),
+        (1462.0, "payload", 1229.0, 278.0, True),
+    ],
+)  # takes up what the first law misses; acts elsewhere; adds much
+def test_a_second_effect_that_closes_all_adds_much_or_what_it_gains_alone(
+    first: float, second: str, alone: float, gained: float, *, verdict: bool
+) -> None:
+    single = gains({"drive_drag": first, second: alone}, 900.0, first + gained - 30.0)
+    names = LibraryEffect("drive_drag"), LibraryEffect(second)
+    both = Gains(((Hypothesis(names), first + gained),), 900.0, first + gained - 10.0, single=first)
+    assert is_pair(single, both, RULE) == verdict
+
+
+@pytest.mark.parametrize(("best_with", "verdict"), [(1100.0, True), (1120.0, False)])
+def test_two_effects_are_named_where_a_discrepancy_explains_little_more(
+    best_with: float, *, verdict: bool
+) -> None:
+    names = LibraryEffect("rate_dependence"), LibraryEffect("slip_sinkage")
+    both = Gains(((Hypothesis(names), 1000.0),), 500.0, best_with, single=600.0)
+    judgement = judge(both, RULE)
+    assert judgement.verdict is (Verdict.NAMED if verdict else Verdict.UNKNOWN)
+    assert [each.names for each in judgement.named] == [("rate_dependence", "slip_sinkage")]
+    assert (judgement.probabilities["unknown"] < 0.5) == verdict
+
+
 def test_pairs_with_a_common_effect_are_told_apart_by_what_the_other_one_adds() -> None:
     named = tuple(
         (Hypothesis((LibraryEffect("payload"), LibraryEffect(name))), gain)

@@ -16,6 +16,7 @@ from terrain_estimator.discovery.evidence.search import (
     foresee,
     further,
     members,
+    ranked,
     search,
 )
 from terrain_estimator.discovery.evidence.soil_revision import RevisedStudy
@@ -193,7 +194,7 @@ def complete(
             best_with = study.with_discrepancy(found[0])
         gains = gains_of(study.nothing, found, free, best_with)
     if gains.explainable - gains.best >= thresholds.anything:
-        part = part_of(progress, 0.2, 0.9)
+        part = part_of(progress, 0.2, 0.7)
         pairs = _beside(study, hypotheses, found[0], gains.explainable, thresholds, part)
         if pairs:
             alone = bettered(found, members(study, pairs[0]))
@@ -205,6 +206,14 @@ def complete(
                 gains_of(study.nothing, pairs, free, pair_with), single=gains.best
             )
             if is_pair(gains, paired, thresholds):
+                last = part_of(progress, 0.7, 1.0)
+                others = exchanged(study, hypotheses, pairs[0], found, thresholds, last)
+                if others and study.gain(others[0]) > paired.best:
+                    pair_with = study.with_discrepancy(others[0])
+                pairs = ranked([*pairs, *others])
+                paired = dataclasses.replace(
+                    gains_of(study.nothing, pairs, free, pair_with), single=gains.best
+                )
                 found, gains, best_with = [*pairs, *found], paired, pair_with
     judgement = judge(gains, thresholds)
     # What one evaluation already showed to be far behind was not fitted.
@@ -233,6 +242,24 @@ def _beside(
     if explainable - study.gain(found[0]) < thresholds.anything:
         return found
     return bettered(found, further(study, foreseen, found, part_of(progress, 0.7, 1.0), first))
+
+
+def exchanged(
+    study: Study,
+    hypotheses: Sequence[Hypothesis],
+    pair: Candidate,
+    singles: Sequence[Candidate],
+    thresholds: Thresholds,
+    progress: ProgressCallback,
+) -> list[Candidate]:
+    """Return pairs of the second effect of ``pair`` with another one than the first.
+
+    The first was the best alone. Beside the second another effect may be as good or better.
+    """
+    first, second = pair.hypothesis.effects
+    kept = next(each for each in singles if each.hypothesis.effects == (second,))
+    others = [each for each in hypotheses if each.effects != (first,)]
+    return _beside(study, others, kept, study.gain(pair), thresholds, progress)
 
 
 def pairs_with(hypotheses: Sequence[Hypothesis], first: Candidate) -> list[Hypothesis]:
