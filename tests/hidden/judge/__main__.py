@@ -27,10 +27,10 @@ from tests.hidden.judge.judging import Record, examine
 from tests.hidden.judge.page import field, joined, page, rover
 from tests.hidden.judge.strata import Batch, batches, field_batches, rover_batches
 
-FROZEN = "befa0b6e202c572df4b965ff88c2a40817ec6fe3"
+FROZEN = "52bedd58a709170c60f8f31e5434c81f87880511"
 """Commit after which nothing that decides a verdict was changed."""
 ROVER_FROZEN = "81280528e1295a926dee41e80f8b84e52e6973b9"
-"""Commit after which nothing that decides a verdict about such cases was changed."""
+"""Commit that froze the rule for such cases. The rule of two effects was changed by FROZEN."""
 PAGE = Path(__file__).parents[3] / "docs" / "hidden.md"
 KEPT = Path(__file__).parents[1] / "records"
 """Folder of the records of cases whose conditions are drawn."""
