@@ -86,8 +86,8 @@ wheelbase. The errors are Gaussian, cut off at 2.5 deviations. The search is tol
 `odometry_scale` is right if the 95 % interval of its size holds the true one. A payload or an
 odometry_scale within 2.5 stated deviations may be "none" as well. The rule was frozen by commit
 {frozen},
-whose first eight digits are the seed of these cases; that of two effects was changed later, with the
-cases of the field. `--untold` searches the same cases as the command does where nobody states
+whose first eight digits are the seed of these cases; that of two effects was changed later, with
+the cases of the field. `--untold` searches the same cases as the command does where nobody states
 deviations. {examined}
 
 """
