@@ -107,9 +107,11 @@ def _mass(effect: Effect, where: Situation, _contact: ContactInputs, _drive: Dri
 
 
 def _exponent(effect: Effect, where: Situation, contact: ContactInputs, _drive: Drive) -> Pair:
-    """Return the exponent that gives the pressure of the depth z_0 at the depth z."""
-    shrink = (effect.contact(where, contact).sinkage / contact.sinkage).log()
-    return contact.constants[..., 0] * shrink / contact.sinkage.log(), contact.slip.abs()
+    """Return the exponent that gives the pressure at the bottom at the depth z."""
+    dug, n = effect.contact(where, contact), contact.constants[..., 0]
+    softer = (dug.constants[..., 2] / contact.constants[..., 2]).log()
+    pressure = softer + n * (dug.sinkage / contact.sinkage).log()
+    return pressure / contact.sinkage.log(), contact.slip.abs()
 
 
 def _speed_exponent(

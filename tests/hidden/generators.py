@@ -84,7 +84,9 @@ GENERATORS = {
     "grousers": Hidden(
         "Bekker's lug thrust", "m", 0.0075, 0.006, 0.018, _sized(soil.LugThrust), scale="radius"
     ),
-    "slip_sinkage": Hidden("Lyasko's depth factor", "1", 0.25, 0.2, 0.6, _sized(soil.Excavation)),
+    "slip_sinkage": Hidden(
+        "hole dug by the rim, half fallen in", "1", 0.2, 0.15, 0.45, _sized(soil.Excavation)
+    ),
     "multipass": Hidden("elastic reload in the rut", "1", 0.15, 0.12, 0.4, _sized(soil.Rut)),
     "odometry_scale": Hidden(
         "wheels worn unevenly", "1", 0.012, 0.01, 0.03, _sized(sensing.UnevenWear), signed=True

@@ -20,6 +20,8 @@ CELL = 0.05
 CELLS = 1000
 TIP_SPEED, SLOWEST = 0.05, 0.01
 """[m/s] Entry speed of the rim at which the soil constants hold, below which they stay constant."""
+MOST_DUG = 0.6
+"""[1] Slip above which a wheel digs no deeper."""
 
 
 def entry(contact: ContactInputs, radius: float) -> Tensor:
@@ -79,12 +81,23 @@ class LugThrust(Sized):
 
 
 class Excavation(Sized):
-    """Slip sinkage after Lyasko: z = z_0 ((1 + i) / (1 - i / 2))^size, with the stresses of z_0."""
+    """Slip sinkage: the rim digs z - z_0 = z_0 size i / (1 - i), and half of that falls in again.
+
+    That is what lugs take away on the rim's way if a share of z_0, the size, is buried of each.
+    Contact begins where the soil that fell in does. That soil is loose: the pressure at the bottom
+    is that of firm soil at z_0.
+    """
 
     def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
-        slip = contact.slip.clamp(min=0.0)
-        shrink = ((1.0 - 0.5 * slip) / (1.0 + slip)) ** self.size(where)
-        return contact._replace(sinkage=contact.sinkage * shrink)
+        slip, z = contact.slip.clamp(0.0, MOST_DUG), contact.sinkage
+        firm = z / (1.0 + self.size(where) * slip / (1.0 - slip))
+        reach = 0.5 * (z + firm)
+        factor = (firm / reach) ** contact.constants[..., 0]
+        columns = contact.constants.expand(*factor.shape, 6).unbind(-1)
+        constants = torch.stack(
+            [columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1
+        )
+        return contact._replace(sinkage=reach, constants=constants)
 
 
 class Rut(Sized):

@@ -15,6 +15,7 @@ from terramechanics.contact.stresses import entry_angle, quadrature
 from terramechanics.effects.law import AddedForce, ExtraValue, Law
 from terramechanics.simulation.plant import (
     ContactInputs,
+    with_depth,
     with_exit_angle,
     with_exponent,
     with_stiffness,
@@ -148,13 +149,24 @@ class BlendedGrousers(Law):
 
 
 class SlipSinkage(Law):
-    """n + size |i|: a slipping wheel digs; a braked wheel does so as much as a driven one."""
+    """n + size |i|: a slipping wheel digs; a braked wheel does so as much as a driven one.
+
+    The same pressure is that of n at the depth z_0 = z^(1 + size |i| / n). The extra value is the
+    share d of the digging that leaves no contact: that lies z^(d size |i| / n) times as deep as
+    the wheel, on soil of exponent n + (1 - d) size |i|. With d = 1 all stresses are those of z_0.
+    """
+
+    extra: ClassVar[tuple[ExtraValue, ...]] = (
+        ExtraValue("share of the digging that leaves no contact", "1", 0.5),
+    )
 
     def contact(self, inputs: ContactInputs, values: Tensor, rate: Tensor) -> ContactInputs:
-        """Raise the sinkage exponent with slip; ``values`` in [1]."""
+        """Raise the sinkage exponent with slip; ``values[:, 0]`` in [1]."""
         del rate
-        factor = 1.0 + values * inputs.slip.abs() / inputs.constants[..., 0]
-        return with_exponent(inputs, factor)
+        dug = values[:, :1] * inputs.slip.abs() / inputs.constants[..., 0]
+        away = values[:, 1:]
+        depth = inputs.sinkage.clamp(min=1e-6) ** (away * dug)
+        return with_depth(with_exponent(inputs, 1.0 + (1.0 - away) * dug), depth)
 
 
 class SinkageFactor(Law):

@@ -184,6 +184,14 @@ def with_stiffness(inputs: ContactInputs, factor: Tensor) -> ContactInputs:
     return with_constants(inputs, None, factor)
 
 
+def with_depth(inputs: ContactInputs, factor: Tensor) -> ContactInputs:
+    """Return the inputs with the depth of the contact times ``factor`` [..., rows, axles]."""
+    return ContactInputs(
+        inputs.slip, inputs.sinkage * factor, inputs.constants, inputs.strength,
+        inputs.exit_angle, inputs.slip_angle, inputs.rut,
+    )  # fmt: skip
+
+
 def with_exit_angle(inputs: ContactInputs, angle: Tensor) -> ContactInputs:
     """Return the inputs with contact to ``angle`` [..., rows, axles] [rad] behind the axle."""
     return ContactInputs(

@@ -87,6 +87,7 @@ def test_the_other_unknowns_of_effects_have_the_deviations_of_their_documentatio
     assert found == {
         "slope_bias": [0.5],
         "grousers": [0.7],
+        "slip_sinkage": [0.5],
         "multipass": [0.5],
         "payload": [10.0, 10.0],
         "odometry_scale": [0.3],

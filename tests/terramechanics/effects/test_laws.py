@@ -172,9 +172,16 @@ def test_a_spinning_wheel_digs_by_the_amount_of_its_slip(
     constants = SOIL.constants().clone()
     constants[0] = n
     inputs = contact(slip)._replace(constants=constants)
-    found = SlipSinkage(ROVER).contact(inputs, values(size), RATE).constants
-    torch.testing.assert_close(found[..., 1:], constants[1:].expand(2, AXLES, 5))
-    torch.testing.assert_close(found[..., 0], torch.full((2, AXLES), n + size * abs(slip)).double())
+    law = SlipSinkage(ROVER)
+    found = law.contact(inputs, values(size, 0.0), RATE)
+    torch.testing.assert_close(found.constants[..., 1:], constants[1:].expand(2, AXLES, 5))
+    raised = torch.full((2, AXLES), n + size * abs(slip)).double()
+    torch.testing.assert_close(found.constants[..., 0], raised)
+    torch.testing.assert_close(found.sinkage, inputs.sinkage.expand(2, AXLES))
+    # Where all of the digging leaves no contact, the soil is as it was at the depth of z_0.
+    away = law.contact(inputs, values(size, 1.0), RATE)
+    torch.testing.assert_close(away.constants, constants.expand(2, AXLES, 6))
+    torch.testing.assert_close(away.sinkage, inputs.sinkage ** (raised / n))
 
 
 def test_a_rut_is_stiffened_by_every_wheel_that_went_before() -> None:

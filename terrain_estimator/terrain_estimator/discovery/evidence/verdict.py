@@ -5,13 +5,14 @@
 With L the log evidence of a hypothesis over "nothing is missing" and L+ that of the same with a
 discrepancy without a name on top:
 
-1. Nothing is missing where neither a named effect nor the discrepancy alone gains ``anything``.
+1. Nothing is missing where no named effect and no discrepancy, alone or together, gains
+   ``anything``.
 2. An effect is named where it closes at least the ``share`` of what can be explained at all, L /
    max(L, L+, L+ of nothing). A test for "something is left" would not do: a right name whose law is
    slightly another leaves something too, and a wrong one gains hundreds of nats as soon as anything
    is missing. What separates them is the share of the gap that a name closes.
-3. Every effect that closes the share and comes within ``apart`` of the best, relative to what the
-   best gains, is as good an explanation: together they are a confusable set.
+3. Every effect that comes within ``apart`` of the best, relative to what the best gains (a pair:
+   over the best single effect), is as good an explanation: together they are a confusable set.
 4. Two effects take the place of the best one where together they close the ``share`` and the second
    adds enough: nearly all (SECOND_SHARE) that the first leaves, or ``anything`` more than a
    discrepancy does, alone or beside the first. It also adds LEAST_ADDED of the pair's gain, or,
@@ -120,7 +121,7 @@ def judge(gains: Gains, thresholds: Thresholds) -> Judgement:
     elif gains.share >= thresholds.share and not (gains.pairs and gains.closed < PAIR_SHARE):
         verdict, named = (
             (Verdict.NAMED, (best,))
-            if len({each.names for each in alike}) == 1
+            if len({frozenset(each.names) for each in alike}) == 1
             else (Verdict.CONFUSABLE, alike)
         )
     return Judgement(verdict, named, _probabilities(gains, thresholds))
@@ -184,10 +185,7 @@ def _second_alone(single: Gains, pair: Gains) -> float:
 
 
 def _told_apart_by(gains: Gains, thresholds: Thresholds) -> float:
-    """Return the gain of the best [nat]; of a pair that over the best single effect.
-
-    All pairs have an effect in common.
-    """
+    """Return the gain of the best [nat]; of a pair that over the best single effect."""
     return max(gains.best - gains.single, thresholds.anything)
 
 
@@ -206,8 +204,9 @@ def _probabilities(gains: Gains, thresholds: Thresholds) -> dict[str, float]:
         torch.tensor([gain / width for _, gain in gains.named], dtype=torch.float64), 0
     ).tolist()
     probabilities = {"none": 1.0 - something, "unknown": something * (1.0 - known)}
+    order: dict[frozenset[str], str] = {}  # of the same names that of the most probable
     for (hypothesis, _), weight in zip(gains.named, weights, strict=True):
-        name = " + ".join(hypothesis.names)
+        name = order.setdefault(frozenset(hypothesis.names), " + ".join(hypothesis.names))
         probabilities[name] = probabilities.get(name, 0.0) + something * known * weight
     return probabilities
 

@@ -186,40 +186,76 @@ def complete(
     progress: ProgressCallback,
 ) -> Finding:
     """Fit again what may explain more, pairs where the best leaves something, and judge."""
-    found, gains, best_with, free = single.found, single.gains, single.best_with, single.free
-    if gains.explainable - gains.best >= thresholds.anything:
-        again = further(study, single.foreseen, found, part_of(progress, 0.0, 0.2))
-        found, first = bettered(found, again), found[0]
-        if found[0] is not first:
-            best_with = study.with_discrepancy(found[0])
-        gains = gains_of(study.nothing, found, free, best_with)
-    if gains.explainable - gains.best >= thresholds.anything:
+    if single.left >= thresholds.anything:
+        part = part_of(progress, 0.0, 0.2)
+        single = _with_fits(study, single, further(study, single.foreseen, single.found, part))
+    answer = None
+    if single.left >= thresholds.anything:
         part = part_of(progress, 0.2, 0.7)
-        pairs = _beside(study, hypotheses, found[0], gains.explainable, thresholds, part)
-        if pairs:
-            alone = bettered(found, members(study, pairs[0]))
-            if alone[0] is not found[0]:
-                best_with = study.with_discrepancy(alone[0])
-            found, gains = alone, gains_of(study.nothing, alone, free, best_with)
-            pair_with = study.with_discrepancy(pairs[0])
-            paired = dataclasses.replace(
-                gains_of(study.nothing, pairs, free, pair_with), single=gains.best
+        first, most = single.found[0], single.gains.explainable
+        pairs = _beside(study, hypotheses, first, most, thresholds, part)
+        single, answer = _as_answer(study, single, pairs, thresholds)
+    if answer is not None:
+        part = part_of(progress, 0.7, 1.0)
+        others = exchanged(study, hypotheses, answer.found[0], single.found, thresholds, part)
+        if others and study.gain(others[0]) > answer.gains.best:
+            every = ranked([*answer.found, *others])
+            single, better = _as_answer(study, single, every, thresholds)
+            answer = better or _beside_singles(
+                study, single, answer.found, answer.best_with, thresholds
             )
-            if is_pair(gains, paired, thresholds):
-                last = part_of(progress, 0.7, 1.0)
-                others = exchanged(study, hypotheses, pairs[0], found, thresholds, last)
-                if others and study.gain(others[0]) > paired.best:
-                    pair_with = study.with_discrepancy(others[0])
-                pairs = ranked([*pairs, *others])
-                paired = dataclasses.replace(
-                    gains_of(study.nothing, pairs, free, pair_with), single=gains.best
-                )
-                found, gains, best_with = [*pairs, *found], paired, pair_with
+    found, gains, best_with = single.found, single.gains, single.best_with
+    if answer is not None:
+        found, gains, best_with = [*answer.found, *found], answer.gains, answer.best_with
     judgement = judge(gains, thresholds)
     # What one evaluation already showed to be far behind was not fitted.
     unlikely = {name: 0.0 for hypothesis in hypotheses for name in hypothesis.names}
     judgement = dataclasses.replace(judgement, probabilities=unlikely | judgement.probabilities)
     return Finding(judgement, gains, tuple(found), study.nothing, tuple(leftovers(best_with)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Pairs:
+    """Pairs of effects that are an answer, and what they explain."""
+
+    found: list[Candidate]  # the most probable first
+    best_with: Candidate  # that with a discrepancy
+    gains: Gains
+
+
+def _with_fits(study: Study, single: Singles, more: Sequence[Candidate]) -> Singles:
+    """Return ``single`` with ``more`` fits of single effects, of each the better one."""
+    found, best_with = bettered(single.found, more), single.best_with
+    if found[0] is not single.found[0]:
+        best_with = study.with_discrepancy(found[0])
+    gains = gains_of(study.nothing, found, single.free, best_with)
+    return dataclasses.replace(single, found=found, best_with=best_with, gains=gains)
+
+
+def _as_answer(
+    study: Study, single: Singles, pairs: list[Candidate], thresholds: Thresholds
+) -> tuple[Singles, _Pairs | None]:
+    """Return single effects, fitted again from the best pair, and ``pairs`` if they answer."""
+    if not pairs:
+        return single, None
+    single = _with_fits(study, single, members(study, pairs[0]))
+    return single, _beside_singles(
+        study, single, pairs, study.with_discrepancy(pairs[0]), thresholds
+    )
+
+
+def _beside_singles(
+    study: Study,
+    single: Singles,
+    pairs: list[Candidate],
+    best_with: Candidate,
+    thresholds: Thresholds,
+) -> _Pairs | None:
+    """Return ``pairs`` if they answer, and not the best single effect."""
+    gains = gains_of(study.nothing, pairs, single.free, best_with)
+    gains = dataclasses.replace(gains, single=single.gains.best)
+    answers = is_pair(single.gains, gains, thresholds)
+    return _Pairs(pairs, best_with, gains) if answers else None
 
 
 def _beside(
