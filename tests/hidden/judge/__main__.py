@@ -27,7 +27,7 @@ from tests.hidden.judge.judging import Record, examine
 from tests.hidden.judge.page import field, joined, page, rover
 from tests.hidden.judge.strata import Batch, batches, field_batches, rover_batches
 
-FROZEN = "52bedd58a709170c60f8f31e5434c81f87880511"
+FROZEN = "76ae79650146ba6bb0e37d1972520c84e484612c"
 """Commit after which nothing that decides a verdict was changed."""
 ROVER_FROZEN = "81280528e1295a926dee41e80f8b84e52e6973b9"
 """Commit that froze the rule for such cases. The rule of two effects was changed by FROZEN."""
