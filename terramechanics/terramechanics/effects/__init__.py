@@ -49,6 +49,8 @@ class Description:
     rows: tuple[str, ...]
     source: str
     law: type[Law]
+    # what tables of one wheel weigh in its place: their few settings do not tell its extra values
+    of_one_wheel: type[Law] | None = None
     by_axle: bool = False  # it acts on one axle, which has to be named
     planar: bool = True  # a planar rover shows it
     competing: tuple[Competing, ...] = ()  # which tables of one wheel weigh beside ``law``
@@ -220,7 +222,8 @@ EFFECTS = {
             high=2.0,
             rows=(*EVERY_ROW, "drawbar_pull", "sinkage"),
             source="Ding, Gao, Deng et al. 2011: n = n0 + n1 s",
-            law=soil.SlipSinkage,
+            law=soil.DugSinkage,
+            of_one_wheel=soil.SlipSinkage,
             competing=(
                 Competing(
                     name="sinkage_factor",

@@ -149,11 +149,21 @@ class BlendedGrousers(Law):
 
 
 class SlipSinkage(Law):
-    """n + size |i|: a slipping wheel digs; a braked wheel does so as much as a driven one.
+    """n + size |i|: a slipping wheel digs; a braked wheel does so as much as a driven one."""
 
-    The same pressure is that of n at the depth z_0 = z^(1 + size |i| / n). The extra value is the
-    share d of the digging that leaves no contact: that lies z^(d size |i| / n) times as deep as
-    the wheel, on soil of exponent n + (1 - d) size |i|. With d = 1 all stresses are those of z_0.
+    def contact(self, inputs: ContactInputs, values: Tensor, rate: Tensor) -> ContactInputs:
+        """Raise the sinkage exponent with slip; ``values`` in [1]."""
+        del rate
+        factor = 1.0 + values * inputs.slip.abs() / inputs.constants[..., 0]
+        return with_exponent(inputs, factor)
+
+
+class DugSinkage(Law):
+    """The same, of which a share d, the extra value, leaves no contact.
+
+    With a = size |i| / n the exponent is n (1 + (1 - d) a) at the depth z^(1 + d a). With d = 0
+    that is :class:`SlipSinkage`. With d = 1 all stresses are those at the depth z_0 of the same
+    pressure on soil without the effect: the wheel touches the ground below the hole that it dug.
     """
 
     extra: ClassVar[tuple[ExtraValue, ...]] = (

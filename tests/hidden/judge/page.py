@@ -67,8 +67,8 @@ third the soil is told wrongly (another preset), in a third the noise is 0.5 to 
 one. The command tries the other presets, so that the right file is at hand; beside the bars stand
 cases on ground between two presets, for which there is no file. The rule of the verdict was frozen
 by commit {frozen},
-whose first eight digits are the seed of these cases. All families advance in step, so that those
-done are a sample of all. "No drive" means that every observation of the analysed drives was
+whose first eight digits are the seed of these cases; those that were examined by earlier rules are in
+the history of this page. All families advance in step, so that those done are a sample of all. "No drive" means that every observation of the analysed drives was
 refused: the command says so and has no verdict. {examined}
 
 """
@@ -86,9 +86,9 @@ wheelbase. The errors are Gaussian, cut off at 2.5 deviations. The search is tol
 `odometry_scale` is right if the 95 % interval of its size holds the true one. A payload or an
 odometry_scale within 2.5 stated deviations may be "none" as well. The rule was frozen by commit
 {frozen},
-whose first eight digits are the seed of these cases; that of two effects was changed later, with
-the cases of the field. `--untold` searches the same cases as the command does where nobody states
-deviations. {examined}
+whose first eight digits are the seed of these cases. What is younger, with the cases of the field:
+the rule of two effects, the law of `slip_sinkage` and the law that is hidden for it. `--untold`
+searches the same cases as the command does where nobody states deviations. {examined}
 
 """
 

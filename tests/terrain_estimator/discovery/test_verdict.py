@@ -155,6 +155,16 @@ def test_pairs_with_a_common_effect_are_told_apart_by_what_the_other_one_adds() 
     assert judge(Gains(named, 1300.0, 1700.0), RULE).verdict is Verdict.CONFUSABLE
 
 
+def test_a_pair_has_one_name_whichever_of_its_effects_comes_first() -> None:
+    drag = LibraryEffect("drive_drag")
+    front, rear = (LibraryEffect("failed_wheel", axle) for axle in (0, 2))
+    named = ((Hypothesis((front, drag)), 1500.0), (Hypothesis((drag, rear)), 1495.0))
+    judgement = judge(Gains(named, 900.0, 1505.0, single=1000.0), RULE)
+    assert judgement.verdict is Verdict.NAMED
+    assert [each.label for each in judgement.named] == ["failed_wheel (axle 0) + drive_drag"]
+    assert set(judgement.probabilities) == {"none", "unknown", "failed_wheel + drive_drag"}
+
+
 def test_confusable_effects_come_with_what_would_separate_them() -> None:
     best = NextDrive(
         "firm_ground", "on to firm ground", 40.0, 168.8, ("grousers", "odometry_scale")

@@ -21,6 +21,7 @@ from terramechanics.effects.soil import (
     SOFTEST,
     BlendedGrousers,
     Bulldozing,
+    DugSinkage,
     ExitAngle,
     Grousers,
     Multipass,
@@ -172,14 +173,17 @@ def test_a_spinning_wheel_digs_by_the_amount_of_its_slip(
     constants = SOIL.constants().clone()
     constants[0] = n
     inputs = contact(slip)._replace(constants=constants)
-    law = SlipSinkage(ROVER)
-    found = law.contact(inputs, values(size, 0.0), RATE)
-    torch.testing.assert_close(found.constants[..., 1:], constants[1:].expand(2, AXLES, 5))
     raised = torch.full((2, AXLES), n + size * abs(slip)).double()
-    torch.testing.assert_close(found.constants[..., 0], raised)
-    torch.testing.assert_close(found.sinkage, inputs.sinkage.expand(2, AXLES))
-    # Where all of the digging leaves no contact, the soil is as it was at the depth of z_0.
-    away = law.contact(inputs, values(size, 1.0), RATE)
+    soft = SlipSinkage(ROVER).contact(inputs, values(size), RATE)
+    torch.testing.assert_close(soft.constants[..., 1:], constants[1:].expand(2, AXLES, 5))
+    torch.testing.assert_close(soft.constants[..., 0], raised)
+    # Where none of the digging leaves no contact, that is all; where all of it does, the soil is
+    # as it was, at the depth of the same pressure.
+    touching, away = (
+        DugSinkage(ROVER).contact(inputs, values(size, share), RATE) for share in (0.0, 1.0)
+    )
+    torch.testing.assert_close(touching.constants, soft.constants)
+    torch.testing.assert_close(touching.sinkage, inputs.sinkage.expand(2, AXLES))
     torch.testing.assert_close(away.constants, constants.expand(2, AXLES, 6))
     torch.testing.assert_close(away.sinkage, inputs.sinkage ** (raised / n))
 

@@ -102,12 +102,15 @@ class LibraryEffect:
     name: str
     axle: int | None = None
     competing: int | None = None  # number of a competing law; None: the registry's own
+    one_wheel: bool = False  # it is weighed on tables of one wheel
 
     @property
     def law(self) -> type[Law]:
         """Its law, which has the value of its size and the extra values."""
         described = describe(self.name)
-        return described.law if self.competing is None else described.competing[self.competing].law
+        if self.competing is not None:
+            return described.competing[self.competing].law
+        return (self.one_wheel and described.of_one_wheel) or described.law
 
     @property
     def law_name(self) -> str:

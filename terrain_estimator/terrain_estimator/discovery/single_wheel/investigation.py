@@ -146,7 +146,7 @@ def shown_by_one_wheel() -> tuple[str, ...]:
 
 def of_one_wheel(names: Sequence[str]) -> list[Hypothesis]:
     """Return one hypothesis for each of the effects that one wheel shows."""
-    return [Hypothesis((LibraryEffect(name),)) for name in names]
+    return [Hypothesis((LibraryEffect(name, one_wheel=True),)) for name in names]
 
 
 def investigate_wheel(
