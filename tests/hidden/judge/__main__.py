@@ -30,7 +30,7 @@ from tests.hidden.judge.strata import Batch, batches, field_batches, rover_batch
 FROZEN = "76ae79650146ba6bb0e37d1972520c84e484612c"
 """Commit after which nothing that decides a verdict was changed."""
 ROVER_FROZEN = "81280528e1295a926dee41e80f8b84e52e6973b9"
-"""Commit that froze the rule for such cases. Two effects and slip_sinkage were changed by FROZEN."""
+"""Commit that froze the rule for such cases. FROZEN changed two effects and slip_sinkage."""
 PAGE = Path(__file__).parents[3] / "docs" / "hidden.md"
 KEPT = Path(__file__).parents[1] / "records"
 """Folder of the records of cases whose conditions are drawn."""

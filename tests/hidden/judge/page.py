@@ -67,9 +67,10 @@ third the soil is told wrongly (another preset), in a third the noise is 0.5 to 
 one. The command tries the other presets, so that the right file is at hand; beside the bars stand
 cases on ground between two presets, for which there is no file. The rule of the verdict was frozen
 by commit {frozen},
-whose first eight digits are the seed of these cases; those that were examined by earlier rules are in
-the history of this page. All families advance in step, so that those done are a sample of all. "No drive" means that every observation of the analysed drives was
-refused: the command says so and has no verdict. {examined}
+whose first eight digits are the seed of these cases. Cases of earlier rules are in the history of
+this page. All families advance in step, so that those done are a sample of all. "No drive" means
+that every observation of the analysed drives was refused: the command says so and has no verdict.
+{examined}
 
 """
 
