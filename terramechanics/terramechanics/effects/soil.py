@@ -161,9 +161,10 @@ class SlipSinkage(Law):
 class DugSinkage(Law):
     """The same, of which a share d, the extra value, leaves no contact.
 
-    With a = size |i| / n the exponent is n (1 + (1 - d) a) at the depth z^(1 + d a). With d = 0
-    that is :class:`SlipSinkage`. With d = 1 all stresses are those at the depth z_0 of the same
-    pressure on soil without the effect: the wheel touches the ground below the hole that it dug.
+    With a = size |i| / n the exponent is n (1 + (1 - d) a) at the depth z^(1 + d a), z in [m] as in
+    the pressure-sinkage law. With d = 0 that is :class:`SlipSinkage`. With d = 1 all stresses are
+    those at the depth z_0 of the same pressure on soil without the effect: the wheel touches the
+    ground below the hole that it dug.
     """
 
     extra: ClassVar[tuple[ExtraValue, ...]] = (
@@ -175,6 +176,7 @@ class DugSinkage(Law):
         del rate
         dug = values[:, :1] * inputs.slip.abs() / inputs.constants[..., 0]
         away = values[:, 1:]
+        # A wheel that carries nothing has no depth, of which the power has no derivative.
         depth = inputs.sinkage.clamp(min=1e-6) ** (away * dug)
         return with_depth(with_exponent(inputs, 1.0 + (1.0 - away) * dug), depth)
 
