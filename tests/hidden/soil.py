@@ -29,6 +29,15 @@ def entry(contact: ContactInputs, radius: float) -> Tensor:
     return torch.acos((1.0 - contact.sinkage / radius).clamp(0.05, 1.0))
 
 
+def stiffer(contact: ContactInputs, factor: Tensor) -> ContactInputs:
+    """Return the contact with k_c and k_phi times ``factor`` [rows, axles]."""
+    columns = contact.constants.expand(*factor.shape, 6).unbind(-1)
+    constants = torch.stack(
+        [columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1
+    )
+    return contact._replace(constants=constants)
+
+
 class Sized(Effect):
     """An effect with one size for each episode of a batch."""
 
@@ -93,11 +102,7 @@ class Excavation(Sized):
         firm = z / (1.0 + self.size(where) * slip / (1.0 - slip))
         reach = 0.5 * (z + firm)
         factor = (firm / reach) ** contact.constants[..., 0]
-        columns = contact.constants.expand(*factor.shape, 6).unbind(-1)
-        constants = torch.stack(
-            [columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1
-        )
-        return contact._replace(sinkage=reach, constants=constants)
+        return stiffer(contact._replace(sinkage=reach), factor)
 
 
 class Rut(Sized):
@@ -133,11 +138,7 @@ class Rut(Sized):
         reach = (z - floor).clamp(min=1e-3 * z)
         reload = (rut / (rut - floor).clamp(min=1e-9)).clamp(min=1.0)
         factor = torch.where(z > rut, z / reach, reload) ** contact.constants[..., 0]
-        columns = contact.constants.expand(*factor.shape, 6).unbind(-1)
-        constants = torch.stack(
-            [columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1
-        )
-        return contact._replace(sinkage=reach, constants=constants)
+        return stiffer(contact._replace(sinkage=reach), factor)
 
     def sensed(self, sample: Sample) -> Sample:
         floor = self.sizes.unsqueeze(-1) * self._rut(
@@ -164,11 +165,7 @@ class PenetrationRate(Sized):
         factor = (1.0 + self.size(where) * torch.log(speed.clamp(min=SLOWEST) / TIP_SPEED)).clamp(
             min=0.1
         )
-        columns = contact.constants.expand(*factor.shape, 6).unbind(-1)
-        constants = torch.stack(
-            [columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1
-        )
-        return contact._replace(constants=constants)
+        return stiffer(contact, factor)
 
 
 class TrailingContact(Sized):

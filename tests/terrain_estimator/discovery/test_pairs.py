@@ -7,7 +7,7 @@ import torch
 from terrain_estimator.discovery.evidence.search import foresee, further, members, search
 from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.library import singles, together
-from terrain_estimator.discovery.report.finding import exchanged
+from terrain_estimator.discovery.report.finding import _as_answer, exchanged, explain_singly
 from terrain_estimator.discovery.report.investigation import investigate
 from tests.terrain_estimator.discovery.known import SIZES, study
 
@@ -72,3 +72,20 @@ def test_a_pair_whose_first_effect_only_looks_like_the_hidden_one_is_left_for_th
         found = exchanged(runs, [slope, bulldozing, coulomb], wrong, alone, rule, quiet)
     assert [each.hypothesis.names for each in found] == [("coulomb_drag", "bulldozing")]
     assert runs.gain(found[0]) > runs.gain(wrong) + rule.anything
+
+
+def test_a_pair_of_an_exchange_is_no_answer_where_its_new_effect_alone_explains_as_much() -> None:
+    """Beside coulomb_drag bulldozing is better than slope_bias, but it was not fitted alone."""
+    runs = study("bulldozing+coulomb_drag")
+    slope, bulldozing, coulomb = singles(("slope_bias", "bulldozing", "coulomb_drag"))
+    rule = read_thresholds()
+    with torch.inference_mode():
+        before = explain_singly(runs, [slope, coulomb], rule, quiet)
+        wrong = runs.explain(together(slope, coulomb), after=before.found[0])
+        found = exchanged(runs, [slope, bulldozing, coulomb], wrong, before.found, rule, quiet)
+        after, answer = _as_answer(runs, before, found, rule)
+    assert [each.hypothesis for each in before.found] == [slope, coulomb]
+    assert answer is None
+    assert after.found[0].hypothesis == bulldozing
+    assert after.gains.best > before.gains.best + 100.0
+    assert runs.gain(found[0]) < after.gains.best + rule.anything
