@@ -207,11 +207,6 @@ def search(options: argparse.Namespace) -> int:
     ) as error:
         sys.stderr.write(f"find_missing_effect: {error}\n")
         return WRONG
-    unproven = (
-        " (unproven: no run was held out)"
-        if isinstance(model, Path) and outcome.proof is None
-        else ""
-    )
     sys.stdout.write(
         "\n".join(
             [
@@ -219,12 +214,18 @@ def search(options: argparse.Namespace) -> int:
                 *map(tolerance_words, tolerance.values()),
                 *(str(options.out / name) for name in FINDING),
                 *(str(options.out / name) for name in soils_found),
-                f"{model}{unproven}",
+                _model_words(model, outcome),
             ]
         )
         + "\n"
     )
     return 0
+
+
+def _model_words(model: Path | str, outcome: Proven) -> str:
+    """Return the line on the model, which may be the reason why there is none."""
+    written = isinstance(model, Path) and outcome.unproven
+    return f"{model} (unproven: {outcome.unproven})" if written else str(model)
 
 
 def _told(

@@ -15,7 +15,16 @@ from terrain_estimator.discovery.hypotheses.library import NOTHING, singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
 from terrain_estimator.discovery.proof.gap import Gap
 from terrain_estimator.discovery.proof.held_out import Half, Model, long_enough
-from terrain_estimator.discovery.proof.proof import LIKELIER, Proof, better, halves, prove, settled
+from terrain_estimator.discovery.proof.proof import (
+    DECISIVE,
+    LIKELIER,
+    Proof,
+    better,
+    halves,
+    harms,
+    prove,
+    settled,
+)
 from terrain_estimator.discovery.proof.rollout import determined, simulated, windows_of
 from terrain_estimator.discovery.proof.terrain import track_of
 from terrain_estimator.discovery.report.finding import Finding
@@ -103,6 +112,49 @@ def test_held_out_runs_are_likelier_with_the_effect_only_where_they_have_it() ->
     assert not_there is not None
     assert there > LIKELIER
     assert not_there < 0.0
+
+
+def test_a_run_with_the_effect_is_as_much_likelier_as_is_expected_of_it() -> None:
+    """Of F nat a Gaussian scatters by sqrt(2 F): three of these deviations."""
+    proof = proven(2)
+    seen, expected = proof.log_bayes_factor, proof.expected_log_bayes_factor
+    assert seen is not None
+    assert expected is not None
+    assert expected > 10.0 * LIKELIER
+    assert abs(seen - expected) < 3.0 * (2.0 * expected) ** 0.5
+
+
+@cache
+def proven_small(run: int) -> Proof:
+    """Return the proof of a hundredth of the drag, too little for a run of 24 s to show."""
+    fit = found().fit
+    small = dataclasses.replace(fit, point=fit.point.with_shared(0.01 * fit.point.shared))
+    with torch.inference_mode():
+        nominal, there = nominal_of(MARS, LOOSE), dataclasses.replace(found(), fit=small)
+        return prove(nominal, there, [drives()[1][run]])
+
+
+def test_a_run_that_hardly_shows_an_effect_does_not_refute_it() -> None:
+    proof = proven_small(3)
+    assert proof.expected_log_bayes_factor is not None
+    assert 0.0 <= proof.expected_log_bayes_factor < 1.0
+    assert not proof.added
+    assert proof.undecided
+    assert "is neither proven nor refuted" in proof.sentence
+    refuted = proven(3)
+    assert not refuted.undecided
+    assert refuted.expected_log_bayes_factor is not None
+    assert refuted.expected_log_bayes_factor > DECISIVE
+
+
+def test_a_run_that_hardly_shows_an_effect_refutes_it_where_predictions_get_worse() -> None:
+    gap = dataclasses.replace(rolled(proven(2)), improvement_95=(-0.1, 0.2))
+    ahead = dataclasses.replace(gap, nll_improvement_95=(-0.1, 0.2))
+    assert not harms(gap, ahead)
+    assert not harms(None, ahead)
+    assert harms(None, dataclasses.replace(gap, nll_improvement_95=(-0.2, -0.1)))
+    worse = dataclasses.replace(gap, improvement_95=(-0.3, -0.1), above_floor_95=(0.5, 1.5))
+    assert harms(worse, ahead)
 
 
 @pytest.mark.parametrize(
@@ -196,6 +248,7 @@ def test_a_name_that_did_not_prove_itself_is_withdrawn() -> None:
     assert after.named == (hypothesis,)
     assert after.probabilities == pytest.approx({"none": 0.01, "unknown": 0.99, "drive_drag": 0.0})
     assert settled(finding, proven(2)) is finding
+    assert settled(finding, proven_small(3)) is finding
     assert settled(finding, None) is finding
 
 

@@ -46,7 +46,7 @@ def or_on_request(
     if told.judgement.verdict is Verdict.NAMED:
         told = _with_chances(told, dict.fromkeys(before, 0.0) | told.judgement.probabilities)
         again = proven(told, study, runs, seed, contributions)
-        if again.finding.judgement.verdict is Verdict.NAMED:
+        if again.proof is not None and again.proof.added:
             return told, again
     tried = dict.fromkeys((name for each in hypotheses for name in each.names), 0.0)
     settled = _with_chances(outcome.finding, tried | before)

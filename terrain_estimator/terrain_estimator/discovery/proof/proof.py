@@ -9,6 +9,11 @@ expects of them (about the noise floor); and of the way to the noise floor one o
 LEAST_CLOSED, by the upper end of its interval. A gap that chance alone may have made has none
 and does not count. Else the effect is not added.
 
+Runs that hardly excite an effect prove nothing, whatever their predictions do by chance, and refute
+nothing. Runs that are not LIKELIER prove only what should make them so, were it there. An effect
+that did not prove itself on runs of which less than DECISIVE was to be expected is undecided, where
+nothing gets worse with it: it is not added, and not refuted.
+
 Where nothing is to be added, rollouts that are FAR off the noise floor refute "nothing is missing".
 
 The measure of rollouts is the root mean square error of all signals, means over a second, in
@@ -37,6 +42,7 @@ from terrain_estimator.discovery.hypotheses.equations import Equations, assemble
 from terrain_estimator.discovery.hypotheses.library import NOTHING
 from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
+from terrain_estimator.discovery.proof.expected_factor import expected_factor
 from terrain_estimator.discovery.proof.gap import Gap, gap_of
 from terrain_estimator.discovery.proof.held_out import (
     GroundEstimate,
@@ -63,6 +69,11 @@ from terrain_estimator.model.packed_observation import BLOCK
 
 LIKELIER = 8.0
 """[nat] Log Bayes factor of held-out runs that proves an effect, as "anything" in the verdict."""
+DECISIVE = 18.0
+"""[nat] Least log Bayes factor to expect of held-out runs that refute an effect by not showing it.
+
+One of F nat scatters by sqrt(2 F), so that 95 % of these are LIKELIER.
+"""
 LEAST_CLOSED = 1.0 / 3.0
 """[1] Share of the gap that an effect closes at least.
 
@@ -121,6 +132,9 @@ class Proof:
     rollout: SignalSeries | None
     velocity_rollout: SignalSeries | None  # of the velocity in the same window
     encoders: bool = True  # whether every run has measured wheel rates, which drive the rollouts
+    # [nat] the log Bayes factor to expect, were the effect there; None where nothing is to be added
+    expected_log_bayes_factor: float | None = None
+    undecided: bool = False  # not added, and not refuted: these runs could not show the effect
 
     @property
     def sentence(self) -> str:
@@ -138,6 +152,12 @@ class Proof:
         outcome = "did not prove itself on held-out runs and is not added"
         if self.added:
             outcome = "is added"
+        elif self.undecided:
+            outcome = (
+                "is neither proven nor refuted, as the held-out runs hardly show it"
+                f" ({self.expected_log_bayes_factor:.0f} nat are to be expected of them,"
+                f" {DECISIVE:.0f} would decide), and stands unproven: hold out others"
+            )
         elif little:
             outcome = (
                 f"closes at most {100.0 * max(most or 0.0, 0.0):.0f} % of the gap, a third is"
@@ -168,11 +188,21 @@ class Judged:
 
     halves: tuple[Half, Half]
     evidences: list[float]  # [nat] of the whole run under each model
+    expected: float  # [nat] of the last over the first, were the last one true
 
 
 def judged_by(run: Blocks, models: tuple[Model, ...], *, nominal: Nominal) -> Judged:
     """Judge a held-out run by each model, which takes most of the time of a proof."""
-    return Judged(halves(nominal, models, run), evidences(nominal, models, run))
+    return Judged(halves(nominal, models, run), *_whole(nominal, models, run))
+
+
+@torch.inference_mode()
+def _whole(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> tuple[list[float], float]:
+    """Return the log evidences of a whole run, and the log Bayes factor to expect of it."""
+    fits = _fits(Study(nominal, [run]), models)
+    alone = len(models) == 1
+    expected = 0.0 if alone else expected_factor(nominal, run, models[0], models[-1], fits[-1])
+    return [fit.given for fit in fits], expected
 
 
 @torch.inference_mode()
@@ -253,9 +283,13 @@ def prove(
     step_gap = gap_of(*_pair(stepped), lengths, seed)
     rows = scores("one_step", names(nominal.row_names), regions, *_pair(stepped))
     rolled = _rolled(nominal, judged, models, regions, seed) if nominal.places is None else NO_TURN
+    expected = sum(each.expected for each in runs_judged) if candidate else None
+    shows = expected is None or max(expected, likelier) >= LIKELIER
+    added = shows and better(rolled.gap, step_gap, likelier)
+    decisive = added or expected is None or expected >= DECISIVE
     return Proof(
         "" if candidate is None else candidate.hypothesis.label,
-        better(rolled.gap, step_gap, likelier),
+        added,
         rolled.gap,
         step_gap,
         likelier if candidate else None,
@@ -263,6 +297,8 @@ def prove(
         tuple(_strength(half, number % 2) for number, half in enumerate(judged)),
         *rolled.pictures,
         all(run.encoders for run in runs),
+        expected,
+        not decisive and not harms(rolled.gap, step_gap),
     )
 
 
@@ -332,11 +368,17 @@ def better(gap: Gap | None, step_gap: Gap, likelier: float) -> bool:
     ahead = step_gap.nll_improvement_95
     rollouts = None if gap is None else gap.improvement_95
     helps = any(ends is not None and ends[0] > 0.0 for ends in (rollouts, ahead))
-    harms = gap is not None and rollouts is not None and rollouts[1] <= 0.0 and not _expected(gap)
-    harms = harms or (ahead is not None and ahead[1] <= 0.0)
     most = most_closed(gap, step_gap)
     closes = most is None or most >= LEAST_CLOSED
-    return (likelier >= LIKELIER or helps) and closes and not harms
+    return (likelier >= LIKELIER or helps) and closes and not harms(gap, step_gap)
+
+
+def harms(gap: Gap | None, step_gap: Gap) -> bool:
+    """Return whether predictions get worse with the effect, beyond what is expected of them."""
+    ahead = step_gap.nll_improvement_95
+    rollouts = None if gap is None else gap.improvement_95
+    worse = gap is not None and rollouts is not None and rollouts[1] <= 0.0 and not _expected(gap)
+    return worse or (ahead is not None and ahead[1] <= 0.0)
 
 
 def _expected(gap: Gap) -> bool:
@@ -365,7 +407,7 @@ def settled(finding: Finding, proof: Proof | None) -> Finding:
     A name that did not prove itself there is no longer the answer: its probability goes to
     "unknown", and it stays the closest candidate. "Nothing is missing" is no answer either where
     rollouts by measured wheel rates are far off; no effect is then the closest. Without held-out
-    runs (None) the verdict stands unproven.
+    runs (None), and where they are undecided, the verdict stands unproven.
     """
     judgement = finding.judgement
     if proof is None:
@@ -377,7 +419,8 @@ def settled(finding: Finding, proof: Proof | None) -> Finding:
         rest = sum(p for name, p in others.items() if name != "unknown")
         surprised = Judgement(Verdict.UNKNOWN, (), others | {sure: 0.0, "unknown": 1.0 - rest})
         return replace(finding, judgement=surprised)
-    if proof.added or judgement.verdict not in (Verdict.NAMED, Verdict.CONFUSABLE):
+    stands = proof.added or proof.undecided
+    if stands or judgement.verdict not in (Verdict.NAMED, Verdict.CONFUSABLE):
         return finding
     none = {name: p for name, p in judgement.probabilities.items() if name in ("none", "soil")}
     refuted = dict.fromkeys(judgement.probabilities, 0.0) | none

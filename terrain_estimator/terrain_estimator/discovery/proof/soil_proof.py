@@ -101,6 +101,13 @@ class Proven:
     refuted: RevisedStudy | None = None
 
     @property
+    def unproven(self) -> str:
+        """Why a name that stands was not put to the proof; empty where it was."""
+        if self.proof is None:
+            return "no run was held out"
+        return "the held-out runs hardly show it" if self.proof.undecided else ""
+
+    @property
     def soil_refuted(self) -> bool:
         """Whether held-out runs contradict the revised constants."""
         return self.soil is not None and not self.soil.holds
@@ -166,7 +173,7 @@ def proven_or_told(
         return finding, outcome
     told = as_told(finding.soil.gain(finding.answer, study))
     again = proven(told, study, runs, seed, contributions)
-    if again.finding.judgement.verdict not in (Verdict.NAMED, Verdict.CONFUSABLE):
+    if again.proof is None or not again.proof.added:
         return finding, outcome
     each_run = contributions or here(runs)
     before, after = (
