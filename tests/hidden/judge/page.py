@@ -88,8 +88,8 @@ wheelbase. The errors are Gaussian, cut off at 2.5 deviations. The search is tol
 odometry_scale within 2.5 stated deviations may be "none" as well. The rule was frozen by commit
 {frozen},
 whose first eight digits are the seed of these cases. What is younger, with the cases of the field:
-the rule of two effects, the law of `slip_sinkage` and the law that is hidden for it. `--untold`
-searches the same cases as the command does where nobody states deviations. {examined}
+the rule of two effects, the law of `slip_sinkage` and the law that is hidden for it, and what was
+frozen for the field. `--untold` searches the same cases as the command does where nobody states deviations. {examined}
 
 """
 

@@ -210,6 +210,23 @@ def test_on_ground_between_two_files_no_effect_is_named_for_the_lack_of_a_third(
     assert not finding.soil.of_files
 
 
+def test_on_ground_between_two_files_an_effect_is_named_alone() -> None:
+    """Constants that are fitted without it suit another effect, and either file a second one."""
+    with torch.inference_mode():
+        between = Study(nominal_of(MARS, TOLD), runs(0.02, 0.4, "slope_bias")[:2])
+        finding = investigate(
+            between,
+            singles(("slope_bias", "exit_angle", "payload", "sinkage_bias")),
+            read_thresholds(),
+            lambda _share, _label: None,
+            [TRUE, TOLD],
+        )
+    assert finding.judgement.verdict is Verdict.NAMED
+    assert finding.judgement.named[0].names == ("slope_bias",)
+    assert finding.soil is not None
+    assert not finding.soil.of_files
+
+
 def test_a_file_of_another_law_or_that_fits_no_better_is_not_taken() -> None:
     right = study(0.0, "loose_sand")
     scm = dataclasses.replace(load_soil("regolith"), law="scm", c2=0.0)

@@ -3,6 +3,7 @@
 """The whole investigation of some runs: missing effects and other soils, which compete."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -41,6 +42,9 @@ from terrain_estimator.discovery.report.finding import (
 )
 from terramechanics.terrain.soil import Soil
 
+_Start = tuple[Candidate, Study]
+"""An effect and the study, on some soils, in which it was fitted."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Revision:
@@ -50,6 +54,21 @@ class _Revision:
     found: Finding
     alone: float  # [nat] the soils alone; 0 where constants were fitted beside an effect
     explains: float  # [nat] the soils and what is named on them
+
+    @property
+    def effects(self) -> int:
+        """The number of effects in the answer beside the soils."""
+        return len(self.found.answer.hypothesis.effects)
+
+    @property
+    def is_named(self) -> bool:
+        """Whether these effects are named, and not only the closest."""
+        return self.found.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
+
+    @property
+    def single(self) -> Candidate:
+        """The most probable single effect on these soils."""
+        return _single(self.found)
 
     def closes(self, gains: Gains, thresholds: Thresholds) -> bool:
         """Return whether this closes nearly all that the best effect leaves."""
@@ -103,14 +122,16 @@ def _investigated(
         return complete(study, hypotheses, thresholds, single, part_of(progress, 0.2, 1.0))
     promised: float | None = None  # by a pair
     tried, answers = list[_Revision](), list[_Revision]()
+    starts = [(single.found[0], study)]
     for revise in (
         partial(_on_file, soils=soils, progress=part_of(progress, 0.2, 0.4)),
         partial(_on_constants, progress=part_of(progress, 0.4, 0.6)),
     ):
-        revision = revise(study, hypotheses, thresholds, single.found[0], single.gains)
+        revision = revise(study, hypotheses, thresholds, starts, single.gains)
         if revision is None:
             continue
         tried.append(revision)
+        starts.append((revision.single, revision.there.study))
         if not revision.closes(single.gains, thresholds):
             continue
         if revision.found.judgement.verdict is Verdict.NONE:
@@ -123,12 +144,13 @@ def _investigated(
     if answers:
         return _preferred(answers, thresholds).finding
     told = complete(study, hypotheses, thresholds, single, part_of(progress, 0.6, 0.8))
-    first = next(each for each in told.candidates if len(each.hypothesis.effects) == 1)
+    first = _single(told)
     alone = any(each.alone > (told.gains.single or told.gains.best) for each in tried)
     left = told.gains.explainable - (told.gains.single or told.gains.best)
     if left >= thresholds.anything and not alone and first.hypothesis != single.found[0].hypothesis:
         last = part_of(progress, 0.8, 1.0)
-        again = _on_constants(study, hypotheses, thresholds, first, told.gains, progress=last)
+        starts = [(first, study)]
+        again = _on_constants(study, hypotheses, thresholds, starts, told.gains, progress=last)
         tried += [again] if again else []
     return _weighed(told, tried, thresholds)
 
@@ -230,12 +252,16 @@ def _preferred(answers: Sequence[_Revision], thresholds: Thresholds) -> _Revisio
     """Return the first answer; a later one where nothing else is missing and it explains more.
 
     With an effect beside them constants that are fitted explain more than the right file, too, as
-    they take up what the effect's law misses.
+    they take up what the effect's law misses. On ground that no file describes a second effect
+    takes up what the file misses: then a later answer with one effect that explains as much is
+    preferred.
     """
     first, *others = answers
     for each in others:
         alone = each.found.judgement.verdict is Verdict.NONE
-        if alone and each.explains - first.explains >= thresholds.anything:
+        least = thresholds.anything if alone else 0.0
+        simpler = alone or (each.is_named and each.effects < first.effects)
+        if simpler and each.explains - first.explains >= least:
             first = each
     return first
 
@@ -264,11 +290,16 @@ def _beside_others(told: Finding, explained: float, thresholds: Thresholds) -> F
     return dataclasses.replace(told, gains=gains, judgement=judgement)
 
 
+def _single(found: Finding) -> Candidate:
+    """Return the most probable single effect of a finding."""
+    return next(each for each in found.candidates if len(each.hypothesis.effects) == 1)
+
+
 def _on_file(
     study: Study,
     hypotheses: Sequence[Hypothesis],
     thresholds: Thresholds,
-    first: Candidate,
+    starts: Sequence[_Start],
     gains: Gains,
     *,
     soils: Sequence[Soil],
@@ -276,7 +307,7 @@ def _on_file(
 ) -> _Revision | None:
     """Search on the soil at hand that explains most.
 
-    ``first`` is the best effect on the soils as told; None where no soil at hand explains more.
+    None where no soil at hand explains more than the first of ``starts``.
     """
     progress(0.0, "other soil files")
     there = on_other_soil(study, soils, PROMISING * gains.explainable)
@@ -284,7 +315,7 @@ def _on_file(
         return None
     single = explain_singly(there.study, hypotheses, thresholds, part_of(progress, 0.2, 0.6))
     alone = there.gain(there.beside, study)
-    if max(there.gain(single.found[0], study), alone) < study.gain(first):
+    if max(there.gain(single.found[0], study), alone) < study.gain(starts[0][0]):
         return None
     found = complete(there.study, hypotheses, thresholds, single, part_of(progress, 0.6, 1.0))
     return _Revision(there, found, alone, there.gain(found.answer, study))
@@ -294,20 +325,28 @@ def _on_constants(
     study: Study,
     hypotheses: Sequence[Hypothesis],
     thresholds: Thresholds,
-    first: Candidate,
+    starts: Sequence[_Start],
     gains: Gains,
     *,
     progress: ProgressCallback,
 ) -> _Revision | None:
-    """Search on constants that are fitted, alone or beside the best effect ``first``.
+    """Search on constants that are fitted alone, and on those beside one of ``starts``.
 
-    None where they promise too little.
+    Constants that are fitted alone may end in a valley that suits no effect that is there. None
+    where they promise too little.
     """
     progress(0.0, "soil constants")
-    there = _promising(study, first, gains, thresholds)
-    if there is None:
-        return None
-    return _on_revised(study, there, hypotheses, thresholds, part_of(progress, 0.3, 1.0))
+    found = list[_Revision]()
+    alone = _alone(study, gains, thresholds)
+    if alone is not None:
+        part = part_of(progress, 0.2, 0.6)
+        found.append(_on_revised(study, alone, hypotheses, thresholds, part))
+    beside = _beside_starts(study, starts, gains, thresholds)
+    most = max((each.explains for each in found), default=-math.inf)
+    if beside is not None and beside.gain(beside.beside, study) > most:
+        part = part_of(progress, 0.6, 1.0)
+        found.append(_on_revised(study, beside, hypotheses, thresholds, part))
+    return max(found, key=lambda each: each.explains, default=None)
 
 
 def _foreseen_pair(study: Study, hypotheses: Sequence[Hypothesis], first: Candidate) -> float:
@@ -317,25 +356,31 @@ def _foreseen_pair(study: Study, hypotheses: Sequence[Hypothesis], first: Candid
     return foreseen[0].log_evidence - base if foreseen else study.gain(first)
 
 
-def _promising(
-    study: Study, first: Candidate, gains: Gains, thresholds: Thresholds
-) -> RevisedStudy | None:
-    """Return the study on constants that explain more than the best effect, or much beside it.
+def _alone(study: Study, gains: Gains, thresholds: Thresholds) -> RevisedStudy | None:
+    """Return the study on constants that explain more than the best effect; None where none do."""
+    alone = revised_alone(study, thresholds.share * gains.explainable)
+    enough = alone is not None and alone.gain(alone.beside, study) > (gains.single or gains.best)
+    return alone if enough else None
 
-    ``first`` is that effect; None where it leaves nothing, or no such constants are found.
+
+def _beside_starts(
+    study: Study, starts: Sequence[_Start], gains: Gains, thresholds: Thresholds
+) -> RevisedStudy | None:
+    """Return the study on the constants that explain most beside the effect of one of ``starts``.
+
+    None where the best effect leaves nothing, or no such constants explain much of that.
     """
     name = gains.single or gains.best
     left = gains.explainable - name
-    alone = revised_alone(study, thresholds.share * gains.explainable)
-    if alone is not None and alone.gain(alone.beside, study) > name:
-        return alone
     if left < thresholds.anything:
         return None
-    there = revised(study, first)
-    least = max(thresholds.anything, PROMISING * left)
-    if there is None or there.gain(there.beside, study) - name < least:
-        return None
-    return there
+    least = name + max(thresholds.anything, PROMISING * left)
+    found = [revised(study, effect, there) for effect, there in starts]
+    return max(
+        (each for each in found if each and each.gain(each.beside, study) >= least),
+        key=lambda each: each.gain(each.beside, study),
+        default=None,
+    )
 
 
 PROMISING = 0.5
