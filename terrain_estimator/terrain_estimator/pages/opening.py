@@ -91,6 +91,8 @@ def _figures(ends: Mapping[str, float], factor: float, unit: str) -> str:
 
 def _gained(finding: Mapping[str, Any]) -> str:
     """Return how adding it changes the error on what was not fitted."""
+    if (finding.get("proof") or {}).get("undecided"):
+        return "; the held-out runs hardly show it, so that it is unproven"
     gap = finding.get("gap") or {}
     if gap.get("after") is None:
         return ""

@@ -52,3 +52,10 @@ def test_candidates_far_behind_the_best_are_excluded_with_their_odds() -> None:
         "exit_angle: 1e+02 times less likely than grousers",
         "nothing missing: over 1e6 times less likely than grousers",
     ]
+
+
+def test_a_name_that_the_held_out_runs_hardly_show_is_called_unproven() -> None:
+    finding = drives_finding(0.034)
+    finding["proof"] |= {"undecided": True}
+    end = "; the held-out runs hardly show it, so that it is unproven."
+    assert opening(finding).endswith(end)
