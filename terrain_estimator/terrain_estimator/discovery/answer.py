@@ -90,7 +90,9 @@ def answered_with_ordinary_doubt(
         return exact, None
     usual = replace(study.nominal, doubt=ordinary_doubt(study.nominal.rover))
     doubted = partial(Study, usual, study.runs, contributions=study.contributions)
-    again = may_be_the_file(exact.outcome.finding, doubted, question.thresholds)
+    proof = exact.outcome.proof
+    unproven = proof is not None and proof.undecided
+    again = may_be_the_file(exact.outcome.finding, doubted, question.thresholds, unproven=unproven)
     if again is None:
         return exact, None
     return answered(again, question, part_of(progress, 0.9, 1.0)), exact

@@ -89,7 +89,8 @@ odometry_scale within 2.5 stated deviations may be "none" as well. The rule was 
 {frozen},
 whose first eight digits are the seed of these cases. What is younger, with the cases of the field:
 the rule of two effects, the law of `slip_sinkage` and the law that is hidden for it, and what was
-frozen for the field. `--untold` searches the same cases as the command does where nobody states deviations. {examined}
+frozen for the field. `--untold` searches the same cases as the command does where nobody states
+deviations. {examined}
 
 """
 

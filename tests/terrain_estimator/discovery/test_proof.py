@@ -20,6 +20,7 @@ from terrain_estimator.discovery.proof.proof import (
     LIKELIER,
     Proof,
     better,
+    contradicts,
     halves,
     harms,
     prove,
@@ -155,6 +156,11 @@ def test_a_run_that_hardly_shows_an_effect_refutes_it_where_predictions_get_wors
     assert harms(None, dataclasses.replace(gap, nll_improvement_95=(-0.2, -0.1)))
     worse = dataclasses.replace(gap, improvement_95=(-0.3, -0.1), above_floor_95=(0.5, 1.5))
     assert harms(worse, ahead)
+    assert contradicts(worse, ahead)
+    far = dataclasses.replace(gap, after=3.1 * gap.noise_floor)
+    assert not harms(far, ahead)
+    assert contradicts(far, ahead)
+    assert not contradicts(gap, ahead)
 
 
 @pytest.mark.parametrize(

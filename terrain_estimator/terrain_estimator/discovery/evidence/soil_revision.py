@@ -84,9 +84,12 @@ def revised(told: Study, start: Candidate, at: Study | None = None) -> RevisedSt
 
     ``told`` is on the soil files; ``start`` is a fit of the hypothesis to the runs on the soils of
     ``at``, by default those of the files. None where the constants that fit are none of a soil, or
-    the stress is largest where no soil is known to have it.
+    the stress is largest where no soil is known to have it. Changes are factors: None, too, where a
+    constant of ``at`` is zero or has another sign than that told.
     """
     hypothesis = start.hypothesis
+    if at is not None and not _is_within_reach(told, at):
+        return None
     together = fit_together(told, hypothesis, start.fit.point, (at or told).nominal)
     effects = len(hypothesis.shared().step)
     values, changes = together.point.shared[:effects], together.point.shared[effects:]
@@ -134,6 +137,14 @@ def _changed(study: Study, changes: Tensor) -> dict[Soil, Soil]:
     for told, change in zip(soils, changes.view(len(soils), -1), strict=True):
         found[told] = _soil(told, changed_constants(study.nominal, told, change))
     return found
+
+
+def _is_within_reach(told: Study, at: Study) -> bool:
+    """Return whether changes of the constants as told lead to the soils of another study."""
+    return all(
+        bool(relative_change(told.nominal, soil, at.nominal.soil_of(soil)).isfinite().all())
+        for soil in told.soils
+    )
 
 
 def _is_known(told: Soil, found: Soil) -> bool:

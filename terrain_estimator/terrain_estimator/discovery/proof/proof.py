@@ -9,10 +9,11 @@ expects of them (about the noise floor); and of the way to the noise floor one o
 LEAST_CLOSED, by the upper end of its interval. A gap that chance alone may have made has none
 and does not count. Else the effect is not added.
 
-Runs that hardly excite an effect prove nothing, whatever their predictions do by chance, and refute
-nothing. Runs that are not LIKELIER prove only what should make them so, were it there. An effect
-that did not prove itself on runs of which less than DECISIVE was to be expected is undecided, where
-nothing gets worse with it: it is not added, and not refuted.
+Runs that hardly excite an effect prove nothing, whatever their predictions do by chance: those that
+are not LIKELIER prove an effect only if LIKELIER was to be expected of them, were it there. They
+refute nothing either: where less than DECISIVE was to be expected, an effect that did not prove
+itself is undecided, neither added nor refuted. It is refuted even there if the runs are LIKELIER
+without it, if predictions get worse, or if rollouts stay FAR off.
 
 Where nothing is to be added, rollouts that are FAR off the noise floor refute "nothing is missing".
 
@@ -43,7 +44,7 @@ from terrain_estimator.discovery.hypotheses.library import NOTHING
 from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.proof.expected_factor import expected_factor
-from terrain_estimator.discovery.proof.gap import Gap, gap_of
+from terrain_estimator.discovery.proof.gap import FAR, Gap, gap_of
 from terrain_estimator.discovery.proof.held_out import (
     GroundEstimate,
     Half,
@@ -72,7 +73,8 @@ LIKELIER = 8.0
 DECISIVE = 18.0
 """[nat] Least log Bayes factor to expect of held-out runs that refute an effect by not showing it.
 
-One of F nat scatters by sqrt(2 F), so that 95 % of these are LIKELIER.
+One of F nat scatters by sqrt(2 F), so that of runs of which this is expected 95 % are LIKELIER, if
+the size found is exact.
 """
 LEAST_CLOSED = 1.0 / 3.0
 """[1] Share of the gap that an effect closes at least.
@@ -200,9 +202,10 @@ def judged_by(run: Blocks, models: tuple[Model, ...], *, nominal: Nominal) -> Ju
 def _whole(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> tuple[list[float], float]:
     """Return the log evidences of a whole run, and the log Bayes factor to expect of it."""
     fits = _fits(Study(nominal, [run]), models)
-    alone = len(models) == 1
-    expected = 0.0 if alone else expected_factor(nominal, run, models[0], models[-1], fits[-1])
-    return [fit.given for fit in fits], expected
+    given = [fit.given for fit in fits]
+    if len(models) == 1:
+        return given, 0.0
+    return given, expected_factor(nominal, run, (models[0], models[-1]), (fits[0], fits[-1]))
 
 
 @torch.inference_mode()
@@ -286,7 +289,7 @@ def prove(
     expected = sum(each.expected for each in runs_judged) if candidate else None
     shows = expected is None or max(expected, likelier) >= LIKELIER
     added = shows and better(rolled.gap, step_gap, likelier)
-    decisive = added or expected is None or expected >= DECISIVE
+    quiet = expected is not None and expected < DECISIVE and abs(likelier) < LIKELIER
     return Proof(
         "" if candidate is None else candidate.hypothesis.label,
         added,
@@ -298,7 +301,7 @@ def prove(
         *rolled.pictures,
         all(run.encoders for run in runs),
         expected,
-        not decisive and not harms(rolled.gap, step_gap),
+        quiet and not added and not contradicts(rolled.gap, step_gap),
     )
 
 
@@ -371,6 +374,12 @@ def better(gap: Gap | None, step_gap: Gap, likelier: float) -> bool:
     most = most_closed(gap, step_gap)
     closes = most is None or most >= LEAST_CLOSED
     return (likelier >= LIKELIER or helps) and closes and not harms(gap, step_gap)
+
+
+def contradicts(gap: Gap | None, step_gap: Gap) -> bool:
+    """Return whether predictions get worse with the effect, or rollouts stay FAR off with it."""
+    far = gap is not None and gap.after is not None and gap.after > FAR * gap.noise_floor
+    return far or harms(gap, step_gap)
 
 
 def harms(gap: Gap | None, step_gap: Gap) -> bool:

@@ -102,7 +102,7 @@ class Proven:
 
     @property
     def unproven(self) -> str:
-        """Why a name that stands was not put to the proof; empty where it was."""
+        """Why a name that stands is unproven; empty where it is proven or none stands."""
         if self.proof is None:
             return "no run was held out"
         return "the held-out runs hardly show it" if self.proof.undecided else ""
@@ -151,7 +151,9 @@ def proven(
         return Proven(after, proof)
     asked = runs, proof, study.nothing, seed, contributions
     soil = prove_soil(study.nominal, there, best, *asked)
-    return Proven(after if soil.holds else _refuted(after), proof, soil)
+    if soil.holds:
+        return Proven(after, proof, soil)
+    return Proven(_refuted(after), replace(proof, undecided=False), soil)
 
 
 def proven_or_told(

@@ -52,7 +52,7 @@ class _Revision:
 
     there: RevisedStudy
     found: Finding
-    alone: float  # [nat] the soils alone; 0 where constants were fitted beside an effect
+    alone: float  # [nat] soils without an effect; 0 where constants alone promise too little
     explains: float  # [nat] the soils and what is named on them
 
     @property
@@ -63,7 +63,7 @@ class _Revision:
     @property
     def is_named(self) -> bool:
         """Whether these effects are named, and not only the closest."""
-        return self.found.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
+        return self.finding.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
 
     @property
     def single(self) -> Candidate:
@@ -100,10 +100,11 @@ def investigate(
 
     Other soils count like an effect and are tried where the best effect leaves something, or where
     constants alone explain more: those of files at hand, ``soils``, then constants that are fitted,
-    alone and beside the effect. On ground between two files an effect may look missing on either.
-    They are the answer where they close nearly all of what the best effect leaves, with what is
-    found on them and more than a pair of effects promises. Else pairs are tried, and the soils are
-    weighed again. A prior without doubt of the constants leaves them.
+    alone, beside the effect, and beside the best one on another file. On ground between two files
+    an effect may look missing on either. They are the answer where they close nearly all of what
+    the best effect leaves, with what is found on them and more than a pair of effects promises.
+    Else pairs are tried, and the soils are weighed again. A prior without doubt of the constants
+    leaves them.
     """
     hypotheses = study.doubting(hypotheses)
     found = _investigated(study, hypotheses, thresholds, progress, soils)
@@ -206,7 +207,7 @@ def or_beyond(
 
 
 def may_be_the_file(
-    found: Finding, doubted: Callable[[], Study], thresholds: Thresholds
+    found: Finding, doubted: Callable[[], Study], thresholds: Thresholds, *, unproven: bool = False
 ) -> Study | None:
     """Return the study to search again, where an error of the rover file may be all that is found.
 
@@ -215,7 +216,8 @@ def may_be_the_file(
 
     - One of the best names, proven or not, stands for a constant in doubt and is smaller than its
       deviation allows: there such a size has no name.
-    - The answer is unknown, and there not even a discrepancy gains ``anything`` over nothing.
+    - The answer is unknown, or ``unproven`` as held-out runs hardly show it, and there not even a
+      discrepancy gains ``anything`` over nothing.
     """
     if found.judgement.verdict in (Verdict.NONE, Verdict.SOIL):
         return None
@@ -224,7 +226,7 @@ def may_be_the_file(
     doubt = study.nominal.doubt
     if any(is_within(doubt, ((name, size) for name, size, _ in each)) for each in sizes):
         return study
-    unknown = found.judgement.verdict is Verdict.UNKNOWN
+    unknown = unproven or found.judgement.verdict is Verdict.UNKNOWN
     return study if unknown and study.gain(study.free) < thresholds.anything else None
 
 
@@ -330,23 +332,29 @@ def _on_constants(
     *,
     progress: ProgressCallback,
 ) -> _Revision | None:
-    """Search on constants that are fitted alone, and on those beside one of ``starts``.
+    """Search on constants that are fitted alone, or on those that fit beside one of ``starts``.
 
-    Constants that are fitted alone may end in a valley that suits no effect that is there. None
-    where they promise too little.
+    Constants that are fitted alone may end in a valley that suits no effect that is there. So those
+    beside an effect are searched, too, where they explain more than what was found on the former;
+    ``anything`` more where nothing else was missing there. None where both promise too little.
     """
     progress(0.0, "soil constants")
-    found = list[_Revision]()
-    alone = _alone(study, gains, thresholds)
+    alone, first, least = _alone(study, gains, thresholds), None, -math.inf
     if alone is not None:
         part = part_of(progress, 0.2, 0.6)
-        found.append(_on_revised(study, alone, hypotheses, thresholds, part))
+        first = _on_revised(study, alone, hypotheses, thresholds, part)
+        clear = first.found.judgement.verdict is Verdict.NONE
+        least = first.explains + (thresholds.anything if clear else 0.0)
     beside = _beside_starts(study, starts, gains, thresholds)
-    most = max((each.explains for each in found), default=-math.inf)
-    if beside is not None and beside.gain(beside.beside, study) > most:
-        part = part_of(progress, 0.6, 1.0)
-        found.append(_on_revised(study, beside, hypotheses, thresholds, part))
-    return max(found, key=lambda each: each.explains, default=None)
+    if beside is None or beside.gain(beside.beside, study) <= least:
+        return first
+    part = part_of(progress, 0.6, 1.0)
+    second = _on_revised(study, beside, hypotheses, thresholds, part)
+    if first is None:
+        return second
+    if second.explains <= least:
+        return first
+    return dataclasses.replace(second, alone=max(first.alone, second.alone))
 
 
 def _foreseen_pair(study: Study, hypotheses: Sequence[Hypothesis], first: Candidate) -> float:
