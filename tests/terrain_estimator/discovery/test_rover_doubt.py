@@ -4,7 +4,7 @@
 
 import dataclasses
 import math
-from functools import cache
+from functools import cache, partial
 
 import pytest
 import torch
@@ -13,7 +13,7 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.discovery.evidence.expected import stage
 from terrain_estimator.discovery.evidence.isolability import matrix, signatures, stages_of
 from terrain_estimator.discovery.evidence.study import Study
-from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
+from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.doubted_rows import DoubtedRows, rows_of
 from terrain_estimator.discovery.hypotheses.library import Hypothesis, singles, together
 from terrain_estimator.discovery.hypotheses.rover_doubt import (
@@ -33,7 +33,7 @@ from terrain_estimator.discovery.hypotheses.rows import (
 )
 from terrain_estimator.discovery.proof.proof import models_of, prove
 from terrain_estimator.discovery.report.finding import Finding
-from terrain_estimator.discovery.report.investigation import investigate
+from terrain_estimator.discovery.report.investigation import investigate, may_be_the_file
 from terrain_estimator.discovery.runs import Blocks, RecordedRun, cut
 from terrain_estimator.learning.tasks import measure_tasks
 from terrain_estimator.offline.finding_content import exact_constants
@@ -245,6 +245,18 @@ def test_what_a_file_is_usually_off_by_has_no_name_of_its_own() -> None:
     assert not is_within(usual, [("drive_drag", 0.001)])
     assert is_within(usual, [("drive_drag", 0.4), ("payload", 1.0)])
     assert not is_within((), [("payload", 1.0)])
+
+
+def test_a_name_that_is_unproven_may_be_an_error_of_the_file() -> None:
+    """The mass is 5 kg off: nothing is missing where it is in doubt."""
+    usual = ordinary_doubt(MARS)
+    other = next(each for each in found(1.0).candidates if each.hypothesis.names != ("payload",))
+    named = Judgement(Verdict.NAMED, (other.hypothesis,), {})
+    finding = dataclasses.replace(found(1.0), judgement=named)
+    asked = finding, partial(study, 1.0, usual), read_thresholds()
+    with torch.inference_mode():
+        assert may_be_the_file(*asked) is None
+        assert may_be_the_file(*asked, unproven=True) is study(1.0, usual)
 
 
 def test_a_centre_of_mass_at_an_end_leaves_the_other_constants_in_doubt() -> None:
