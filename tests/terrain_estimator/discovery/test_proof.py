@@ -15,18 +15,17 @@ from terrain_estimator.discovery.hypotheses.library import NOTHING, singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
 from terrain_estimator.discovery.proof.gap import Gap
 from terrain_estimator.discovery.proof.held_out import Half, Model, long_enough
-from terrain_estimator.discovery.proof.proof import (
+from terrain_estimator.discovery.proof.proof import Proof, halves, prove, settled
+from terrain_estimator.discovery.proof.rollout import determined, simulated, windows_of
+from terrain_estimator.discovery.proof.rule import (
     DECISIVE,
     LIKELIER,
-    Proof,
     better,
     contradicts,
-    halves,
     harms,
-    prove,
-    settled,
+    is_proven,
+    is_undecided,
 )
-from terrain_estimator.discovery.proof.rollout import determined, simulated, windows_of
 from terrain_estimator.discovery.proof.terrain import track_of
 from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.discovery.runs import Blocks, RecordedRun, RunError, cut
@@ -146,6 +145,44 @@ def test_a_run_that_hardly_shows_an_effect_does_not_refute_it() -> None:
     assert not refuted.undecided
     assert refuted.expected_log_bayes_factor is not None
     assert refuted.expected_log_bayes_factor > DECISIVE
+
+
+@pytest.mark.parametrize(
+    ("likelier", "expected", "proves", "undecided"),
+    [
+        (7.0, 7.9, False, True),
+        (7.0, 8.1, True, False),
+        (9.0, 7.9, True, False),
+        (-7.0, 17.9, True, False),
+        (7.0, None, True, False),
+    ],
+)
+def test_runs_that_help_prove_an_effect_only_where_they_should(
+    likelier: float, expected: float | None, *, proves: bool, undecided: bool
+) -> None:
+    gap = dataclasses.replace(rolled(proven(2)), improvement_95=(0.1, 0.3), closed_95=None)
+    step_gap = dataclasses.replace(gap, nll_improvement_95=(-0.1, 0.2))
+    assert is_proven(gap, step_gap, likelier, expected) == proves
+    assert is_undecided(gap, step_gap, likelier, expected) == undecided
+
+
+@pytest.mark.parametrize(
+    ("likelier", "expected", "undecided"),
+    [
+        (7.0, 17.9, True),
+        (7.0, 18.1, False),
+        (-7.9, 17.9, True),
+        (-8.1, 17.9, False),
+        (7.0, None, False),
+    ],
+)
+def test_runs_that_do_not_help_refute_an_effect_only_where_they_should_show_it(
+    likelier: float, expected: float | None, *, undecided: bool
+) -> None:
+    gap = dataclasses.replace(rolled(proven(2)), improvement_95=(-0.1, 0.3), closed_95=None)
+    step_gap = dataclasses.replace(gap, nll_improvement_95=(-0.1, 0.2))
+    assert not is_proven(gap, step_gap, likelier, expected)
+    assert is_undecided(gap, step_gap, likelier, expected) == undecided
 
 
 def test_a_run_that_hardly_shows_an_effect_refutes_it_where_predictions_get_worse() -> None:

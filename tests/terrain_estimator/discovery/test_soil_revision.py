@@ -194,17 +194,21 @@ def test_a_wedge_ahead_of_the_wheels_is_not_taken_for_a_soil_that_nobody_knows()
     assert finding.soil is None
 
 
-def test_on_ground_between_two_files_no_effect_is_named_for_the_lack_of_a_third() -> None:
-    """The file of regolith, told, and that of sand both leave something that looks like effects."""
+def found_between(effect: str, size: float) -> Finding:
+    """Return what is found where regolith is told, and files of it and of sand are at hand."""
     with torch.inference_mode():
-        between = Study(nominal_of(MARS, TOLD), runs(0.0, 0.4)[:2])
-        finding = investigate(
-            between,
+        return investigate(
+            Study(nominal_of(MARS, TOLD), runs(size, 0.4, effect)[:2]),
             singles(("exit_angle", "payload", "slope_bias", "sinkage_bias")),
             read_thresholds(),
             lambda _share, _label: None,
             [TRUE, TOLD],
         )
+
+
+def test_on_ground_between_two_files_no_effect_is_named_for_the_lack_of_a_third() -> None:
+    """The file of regolith, told, and that of sand both leave something that looks like effects."""
+    finding = found_between("slope_bias", 0.0)
     assert finding.judgement.verdict is Verdict.SOIL
     assert finding.soil is not None
     assert not finding.soil.of_files
@@ -212,19 +216,21 @@ def test_on_ground_between_two_files_no_effect_is_named_for_the_lack_of_a_third(
 
 def test_on_ground_between_two_files_an_effect_is_named_alone() -> None:
     """Constants that are fitted without it suit another effect, and either file a second one."""
-    with torch.inference_mode():
-        between = Study(nominal_of(MARS, TOLD), runs(0.02, 0.4, "slope_bias")[:2])
-        finding = investigate(
-            between,
-            singles(("slope_bias", "exit_angle", "payload", "sinkage_bias")),
-            read_thresholds(),
-            lambda _share, _label: None,
-            [TRUE, TOLD],
-        )
+    finding = found_between("slope_bias", 0.02)
     assert finding.judgement.verdict is Verdict.NAMED
     assert finding.judgement.named[0].names == ("slope_bias",)
     assert finding.soil is not None
     assert not finding.soil.of_files
+
+
+def test_constants_are_not_searched_from_those_of_another_sign() -> None:
+    """A change is a factor: none leads from a positive c2 to zero or less."""
+    told = study(0.0, "regolith")
+    for c2 in (0.0, -0.1):
+        other = dataclasses.replace(told.nominal, revised=((TOLD, TOLD.with_values(c2=c2)),))
+        with torch.inference_mode():
+            at = Study(other, told.runs, told.mask, told.contributions)
+            assert revised(told, at.nothing, at) is None
 
 
 def test_a_file_of_another_law_or_that_fits_no_better_is_not_taken() -> None:

@@ -13,7 +13,7 @@ from terrain_estimator.cli.find_missing_effect import InputError, _divided, main
 from terrain_estimator.cli.find_missing_effect import _refuse_soils_of_the_results as refuse_results
 from terrain_estimator.discovery.evidence.soil_revision import RevisedStudy, Revision
 from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
-from terrain_estimator.discovery.proof.proof import LIKELIER
+from terrain_estimator.discovery.proof.rule import LIKELIER
 from terrain_estimator.discovery.proof.soil_proof import Proven, SoilProof
 from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.learning.finding_model import _file_of, _has_soils

@@ -12,13 +12,13 @@ from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
 from terrain_estimator.discovery.hypotheses.contributions import Contributions, here
 from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.proof.proof import (
-    LIKELIER,
     Proof,
     evidences,
     models_of,
     prove,
     settled,
 )
+from terrain_estimator.discovery.proof.rule import LIKELIER
 from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.discovery.runs import Blocks
 
