@@ -15,7 +15,7 @@ from torch import Tensor
 from terramechanics.simulation.plant import ContactInputs, Effect, Situation
 from terramechanics.simulation.sample import Drive
 from tests.hidden.sensing import Sensed
-from tests.hidden.soil import Sized
+from tests.hidden.soil import Sized, entry
 
 Pair = tuple[Tensor, Tensor]
 """Effects of the hidden law, and of the plain law of size 1: [samples, axles or 1, (laws)]."""
@@ -76,9 +76,12 @@ def _resistance(effect: Effect, where: Situation, contact: ContactInputs, _drive
 def _lug_thrust(effect: Effect, where: Situation, contact: ContactInputs, drive: Drive) -> Pair:
     """Return the effects of the laws; the slip of mobilisation is a free parameter, too."""
     mobilised = 0.1 * torch.exp(torch.linspace(-2.8, 2.8, 57, dtype=torch.float64))
-    slip = contact.slip.unsqueeze(-1)
-    plain = torch.sign(slip) * (1.0 - torch.exp(-slip.abs() / mobilised))
-    return _thrust(effect, where, contact, drive.sample.normal.flatten(0, 1)), plain
+    slip, normal = contact.slip.unsqueeze(-1), drive.sample.normal.flatten(0, 1)
+    rover = where.rover
+    area = rover.wheel_width * rover.wheel_radius * entry(contact, rover.wheel_radius)
+    held = (normal + 2.0 * contact.strength[..., 0] * area) * len(rover.wheels) / rover.weight
+    plain = held.unsqueeze(-1) * torch.sign(slip) * (1.0 - torch.exp(-slip.abs() / mobilised))
+    return _thrust(effect, where, contact, normal), plain
 
 
 def _thrust(

@@ -82,7 +82,13 @@ GENERATORS = {
         "load on the deck", "kg", 15.0, 12, 40, _sized(vehicle.DeckLoad), scale="mass"
     ),
     "grousers": Hidden(
-        "Bekker's lug thrust", "m", 0.0075, 0.006, 0.018, _sized(soil.LugThrust), scale="radius"
+        "passive pressure on short lugs",
+        "m",
+        0.0025,
+        0.002,
+        0.006,
+        _sized(soil.LugFaces),
+        scale="radius",
     ),
     "slip_sinkage": Hidden(
         "hole dug by the rim, half fallen in", "1", 0.2, 0.15, 0.45, _sized(soil.Excavation)

@@ -20,6 +20,9 @@ CELL = 0.05
 CELLS = 1000
 TIP_SPEED, SLOWEST = 0.05, 0.01
 """[m/s] Entry speed of the rim at which the soil constants hold, below which they stay constant."""
+LUGS, LUG_WIDTH, LUG_SHIFT, LUG_ANGLES = 9, 0.25, 0.01, 12
+"""Lugs of a wheel, their width by the wheel's, [m] their way through the soil that mobilises them,
+and angles of the contact at which they are summed."""
 MOST_DUG = 0.6
 """[1] Slip above which a wheel digs no deeper."""
 
@@ -87,6 +90,39 @@ class LugThrust(Sized):
         thrust = torch.sign(contact.slip) * full * (1.0 + torch.expm1(-shear) / shear)
         added = torch.stack([torch.zeros_like(thrust), thrust, (r + h) * thrust], dim=-1)
         return forces + torch.nn.functional.pad(added, [0, forces.shape[-1] - 3])
+
+
+class LugFaces(Sized):
+    """Passive earth pressure on the faces of short lugs of height h = size.
+
+    A lug at the rim angle theta pushes along the rim with LUG_WIDTH b h (K_p (rho g h / 2 + q) +
+    2 c sqrt(K_p)) (1 - exp(-|j| / LUG_SHIFT)), where slip has moved it by j = r i (theta_1 - theta)
+    through the soil. The surcharge q is the load over the contact, spread like a sine. The push is
+    summed along the contact, each in its direction: it lifts the wheel, too. The arm of the moment
+    is r + h / 2.
+    """
+
+    def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
+        r, b, h = where.rover.wheel_radius, where.rover.wheel_width, self.size(where).unsqueeze(-1)
+        share = (torch.arange(LUG_ANGLES, dtype=torch.float64) + 0.5) / LUG_ANGLES
+        entered, slip = entry(contact, r).unsqueeze(-1), contact.slip.unsqueeze(-1)
+        theta = entered * share
+        load = torch.pi / 2.0 * torch.sin(torch.pi * share) / (b * r * entered)
+        surcharge = forces[..., :1].clamp(min=0.0) * load
+        moved = r * slip * (entered - theta)
+        cohesion, tan_phi = (each.unsqueeze(-1) for each in contact.strength.unbind(-1))
+        root = tan_phi + torch.sqrt(1.0 + tan_phi**2)  # tan(45 deg + phi / 2)
+        weight = SOIL_DENSITY * where.rover.gravity * h / 2.0
+        passive = root**2 * (weight + surcharge) + 2.0 * cohesion * root
+        lugs = LUGS / (2.0 * torch.pi) * entered / LUG_ANGLES  # at each of these angles
+        mobilised = torch.sign(moved) * -torch.expm1(-moved.abs() / LUG_SHIFT)
+        along = LUG_WIDTH * b * h * lugs * passive * mobilised
+        parts = [
+            (along * torch.sin(theta)).sum(-1),
+            (along * torch.cos(theta)).sum(-1),
+            ((r + h / 2.0) * along).sum(-1),
+        ]
+        return forces + torch.nn.functional.pad(torch.stack(parts, -1), [0, forces.shape[-1] - 3])
 
 
 class Excavation(Sized):

@@ -3,8 +3,8 @@
 """The named effects that a model can estimate beside the ground."""
 
 from terramechanics.effects import EFFECTS
+from terramechanics.effects.grousers import BlendedGrousers
 from terramechanics.effects.law import Law
-from terramechanics.effects.soil import BlendedGrousers
 
 ASIDE = "lateral_bulldozing"
 """Effect that models by wheel alone can have."""

@@ -71,6 +71,15 @@ class EffectsByWheel(nn.Module):
             inputs.exit_angle,
         )  # fmt: skip
         none = torch.zeros_like(forces[..., 0, 0])
+        way = torch.where(motion.rim < 0.0, -1.0, 1.0).to(none.dtype) + none
+        one = torch.ones_like(none)
+        forwards = torch.stack([one, way, way, one], -1).unsqueeze(-1)
+        before = forces * forwards
+        changed = before
+        for k, law in enumerate(self.laws):
+            changed = law.stresses(changed, inputs, own[k])
+        turning = (motion.rim * way).unsqueeze(-1).unsqueeze(-1)
+        forces = forces + (changed - before) * forwards * turning
         traction, torque, side = none, none, none
         for k, law in enumerate(self.laws):
             added = law.added_force(inputs, own[k])

@@ -12,6 +12,7 @@ from rover_parameters.records import ConfigError
 from terramechanics.effects import (
     contact,
     depth,
+    grousers,
     loaded_lugs,
     lugs,
     sensing,
@@ -178,7 +179,8 @@ EFFECTS = {
             high=200.0,
             rows=(*EVERY_ROW, "drawbar_pull"),
             source="Bekker 1969 (thrust of lugs), Micklethwait 1944",
-            law=soil.Grousers,
+            law=grousers.LoadedGrousers,
+            of_one_wheel=grousers.Grousers,
             competing=(
                 Competing(
                     name="shear_at_tips",

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of lugs that compete with :class:`terramechanics.effects.soil.Grousers`."""
+"""Laws of lugs that compete with :class:`terramechanics.effects.grousers.Grousers`."""
 
 from typing import ClassVar
 

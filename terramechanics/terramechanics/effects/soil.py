@@ -23,10 +23,6 @@ from terramechanics.simulation.plant import (
 from terramechanics.simulation.sample import SLOWEST
 from terramechanics.vehicle.rover import Rover
 
-GROUSER_SLIP = 0.1
-"""[1] Slip at which grousers have mobilised 63 % of their thrust."""
-SOONER, LATER = 0.05, 0.2
-"""[1] The same of grousers that act sooner and later, between which a blend of laws goes."""
 REFERENCE_SPEED = 0.1
 """[m/s] Circumferential speed at which the soil constants hold."""
 SPINS = 0.05
@@ -96,56 +92,6 @@ def side_resistance(size: Tensor, sinkage: Tensor, radius: float, nodes: Tensor)
     depth = 2.0 * radius * torch.sin(0.5 * (theta_1 + theta)) * torch.sin(0.5 * (theta_1 - theta))
     pushed = depth**2 * (radius - depth * torch.cos(theta)) * nodes[1] * theta_1
     return size * pushed.sum(-1)
-
-
-class Grousers(Law):
-    """T + F and M + r F with F = size sgn(i) (1 - exp(-|i| / i_0)): lugs shear soil between them.
-
-    i_0 is GROUSER_SLIP times the exponential of the extra value.
-    """
-
-    extra: ClassVar[tuple[ExtraValue, ...]] = (
-        ExtraValue("logarithm of the slip that mobilises them", "1", 0.7),
-    )
-
-    def __init__(self, rover: Rover, axle: int | None = None) -> None:
-        super().__init__(rover, axle)
-        self.mobilised = GROUSER_SLIP
-
-    def added_force(self, inputs: ContactInputs, values: Tensor) -> AddedForce | None:
-        """Return thrust and torque of the lugs; ``values[:, 0]`` in [N]."""
-        mobilised = self.mobilised * torch.exp(values[:, 1:])
-        slip = inputs.slip
-        thrust = -values[:, :1] * torch.sign(slip) * torch.expm1(-slip.abs() / mobilised)
-        return AddedForce(thrust, self.radius * thrust)
-
-
-class BlendedGrousers(Law):
-    """Grousers whose force is linear in both values, size and v [N].
-
-    F = sgn(i) (size m(GROUSER_SLIP) + v (m(SOONER) - m(LATER))), m(i_0) = 1 - exp(-|i| / i_0). The
-    sum is what :class:`Grousers` has where v is zero, and the size at large slips whatever v is.
-
-    At slips far below i_0 only size / i_0 shows. A filter that expands this ratio anew every second
-    comes to know size and i_0 each by itself, which no reading tells. With a sum it does not.
-    """
-
-    extra: ClassVar[tuple[ExtraValue, ...]] = (
-        ExtraValue("force that acts sooner less that which acts later", "of the size", 0.5),
-    )
-
-    def __init__(self, rover: Rover, axle: int | None = None) -> None:
-        super().__init__(rover, axle)
-        self.usual, self.sooner, self.later = GROUSER_SLIP, SOONER, LATER
-
-    def added_force(self, inputs: ContactInputs, values: Tensor) -> AddedForce | None:
-        """Return thrust and torque of the lugs; ``values`` in [N]."""
-        slip = inputs.slip.abs()
-        usual = -torch.expm1(-slip / self.usual)
-        shape = torch.exp(-slip / self.later) - torch.exp(-slip / self.sooner)
-        force = values[:, :1] * usual + values[:, 1:] * shape
-        thrust = torch.sign(inputs.slip) * force
-        return AddedForce(thrust, self.radius * thrust)
 
 
 class SlipSinkage(Law):

@@ -13,17 +13,21 @@ from torch import Tensor
 
 from terramechanics.contact.stresses import MAX_SLIP, MIN_SLIP, quadrature
 from terramechanics.effects import describe, make_effect
+from terramechanics.effects.grousers import (
+    COHESIVE,
+    GROUSER_SLIP,
+    BlendedGrousers,
+    Grousers,
+    LoadedGrousers,
+)
 from terramechanics.effects.law import Readings
 from terramechanics.effects.sensing import SHALLOWEST, OdometryScale, SinkageBias
 from terramechanics.effects.soil import (
-    GROUSER_SLIP,
     REFERENCE_SPEED,
     SOFTEST,
-    BlendedGrousers,
     Bulldozing,
     DugSinkage,
     ExitAngle,
-    Grousers,
     Multipass,
     RateDependence,
     SlipSinkage,
@@ -147,23 +151,44 @@ def test_grousers_push_with_63_percent_at_their_slip_and_with_all_far_beyond() -
         torch.testing.assert_close(lugs.torque, ROVER.wheel_radius * lugs.traction)
 
 
+def test_lugs_under_load_push_by_load_and_cohesion_and_change_no_other_force() -> None:
+    """On level ground without cohesion they push as :class:`Grousers` do, each at its load."""
+    inputs, size = at_slips(-0.1, 0.05, 0.4), values(20.0, 0.3)
+    plain = Grousers(ROVER).added_force(inputs, size)
+    assert plain is not None
+    forces = torch.zeros(1, 3, 4, 3, dtype=torch.float64)
+    level = ROVER.weight / len(ROVER.wheels)
+    forces[..., 0, :] = level * torch.tensor([0.5, 0.25, 0.25])
+    found = LoadedGrousers(ROVER).stresses(forces, inputs, size) - forces
+    assert not found[..., [0, 3], :].any()
+    torch.testing.assert_close(found[..., 2, :], ROVER.wheel_radius * found[..., 1, :])
+    length = ROVER.wheel_radius * math.acos(1.0 - 0.015 / ROVER.wheel_radius)
+    cohesive = number(COHESIVE * ROVER.wheel_width * length / level, 0.0, 0.0)
+    for loaded in (1.0, 0.3):
+        added = LoadedGrousers(ROVER).stresses(loaded * forces, inputs, size) - loaded * forces
+        shares = loaded * number(0.5, 0.25, 0.25) + cohesive  # of c, of tan(phi), and of neither
+        torch.testing.assert_close(added[..., 1, :], plain.traction.unsqueeze(-1) * shares)
+
+
 @given(size=st.floats(0.0, 200.0), shape=st.floats(-100.0, 100.0))
 def test_blended_grousers_are_linear_in_both_values_and_push_with_the_size_far_beyond(
     size: float, shape: float
 ) -> None:
     slips = at_slips(-0.3, 0.0, 0.02, 0.1, 100.0)
-    blend = BlendedGrousers(ROVER)
-    both = blend.added_force(slips, values(size, shape))
-    alone = [blend.added_force(slips, each) for each in (values(size, 0.0), values(0.0, shape))]
-    usual = Grousers(ROVER).added_force(slips, values(size, 0.0))
-    assert both is not None
-    assert usual is not None
-    parts = [each.traction for each in alone if each is not None]
-    torch.testing.assert_close(parts[0], usual.traction)
-    torch.testing.assert_close(both.traction, parts[0] + parts[1])
-    torch.testing.assert_close(both.torque, ROVER.wheel_radius * both.traction)
-    assert float(both.traction[0, -1]) == pytest.approx(size)
-    assert float(parts[1][0, 2]) == pytest.approx(shape * (math.exp(-0.1) - math.exp(-0.4)))
+    forces = slips.coefficients(ROVER.wheel_radius, ROVER.wheel_width, quadrature())
+
+    def added(law: LoadedGrousers | BlendedGrousers, *row: float) -> Tensor:
+        return law.stresses(forces, slips, values(*row)) - forces
+
+    both, plain, other = (
+        added(BlendedGrousers(ROVER), *row) for row in ((size, shape), (size, 0.0), (0.0, shape))
+    )
+    torch.testing.assert_close(plain, added(LoadedGrousers(ROVER), size, 0.0))
+    torch.testing.assert_close(both, plain + other)
+    full = added(LoadedGrousers(ROVER), 1.0, -9.0)  # mobilised at once
+    torch.testing.assert_close(both[0, -1], size * full[0, -1])
+    part = shape * (math.exp(-0.1) - math.exp(-0.4))
+    torch.testing.assert_close(other[0, 2], part * full[0, 2])
 
 
 @given(size=st.floats(0.0, 2.0), slip=st.floats(-0.6, 0.95), n=st.floats(0.5, 1.5))
@@ -258,10 +283,10 @@ def test_forces_are_changed_in_the_direction_in_which_the_effect_pushes() -> Non
     pushed = make_effect("bulldozing", 3e4).push(where, contact(sinkage=0.02), forces) - forces
     expected = torch.tensor([0.0, -12.0, 0.0, 0.0], dtype=torch.float64)
     torch.testing.assert_close(pushed, expected.expand(2, 3, 4))
-    thrust = 50.0 * (1.0 - math.exp(-2.0))
-    lugs = make_effect("grousers", 50.0).push(where, contact(), forces[..., :3]) - forces[..., :3]
-    wanted = number(0.0, thrust, ROVER.wheel_radius * thrust)
-    torch.testing.assert_close(lugs, wanted.expand(2, 3, 3))
+    lugs = make_effect("grousers", 50.0).stresses(where, contact(), forces) - forces
+    assert bool((lugs[..., 1] > 0.0).all())
+    torch.testing.assert_close(lugs[..., 2], ROVER.wheel_radius * lugs[..., 1])
+    assert not lugs[..., [0, 3]].any()
     sizes = number(1e4, 2e4)
     each = make_effect("bulldozing", sizes).push(where, contact(sinkage=0.01), forces) - forces
     torch.testing.assert_close(each[:, :, 1], number(-1.0, -2.0)[:, None].expand(2, 3))

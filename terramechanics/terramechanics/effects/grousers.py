@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of grousers: of drives, of models by wheel, and of tables of one wheel."""
+
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from terramechanics.contact.stresses import entry_angle
+from terramechanics.effects.law import AddedForce, ExtraValue, Law
+from terramechanics.simulation.plant import ContactInputs
+from terramechanics.vehicle.rover import Rover
+
+GROUSER_SLIP = 0.1
+"""[1] Slip at which grousers have mobilised 63 % of their thrust."""
+SOONER, LATER = 0.05, 0.2
+"""[1] The same of grousers that act sooner and later, between which a blend of laws goes."""
+COHESIVE = 2.0
+"""[1] Thrust of c times the contact's area, of that which as much load gives.
+
+Published laws have 1.2 (passive earth pressure, Terzaghi 1943), 1.7 (shear strength at the tips)
+and 3.6 (sides of the lugs, Micklethwait 1944), each at tan(phi) = 0.58.
+"""
+
+
+class Grousers(Law):
+    """T + F and M + r F with F = size sgn(i) (1 - exp(-|i| / i_0)): lugs shear soil between them.
+
+    i_0 is GROUSER_SLIP times the exponential of the extra value. For tables of one wheel, whose
+    load hardly varies.
+    """
+
+    extra: ClassVar[tuple[ExtraValue, ...]] = (
+        ExtraValue("logarithm of the slip that mobilises them", "1", 0.7),
+    )
+
+    def __init__(self, rover: Rover, axle: int | None = None) -> None:
+        super().__init__(rover, axle)
+        self.mobilised = GROUSER_SLIP
+
+    def added_force(self, inputs: ContactInputs, values: Tensor) -> AddedForce | None:
+        """Return thrust and torque of the lugs; ``values[:, 0]`` in [N]."""
+        mobilised = self.mobilised * torch.exp(values[:, 1:])
+        slip = inputs.slip
+        thrust = -values[:, :1] * torch.sign(slip) * torch.expm1(-slip.abs() / mobilised)
+        return AddedForce(thrust, self.radius * thrust)
+
+
+class LoadedGrousers(Law):
+    """The same, with a thrust that grows with the wheel's load N and with cohesion.
+
+    ::
+
+        F = size (N + COHESIVE c b l) / N_0 sgn(i) (1 - exp(-|i| / i_0))
+
+    of the contact's width b and length l = r theta_1. N_0 is the load on level ground, where the
+    size [N] is the thrust at large slips without cohesion.
+
+    Lugs push against soil that the wheel presses down. All published laws have both parts: on the
+    lugs' sides (Micklethwait 1944, Bekker 1969), in front of them (Terzaghi 1943), and at their
+    tips (Wong 2008).
+    """
+
+    extra: ClassVar[tuple[ExtraValue, ...]] = Grousers.extra
+
+    def __init__(self, rover: Rover, axle: int | None = None) -> None:
+        super().__init__(rover, axle)
+        self.mobilised, self.load = GROUSER_SLIP, level_load(rover)
+        self.area = COHESIVE * rover.wheel_width * rover.wheel_radius
+
+    def stresses(self, forces: Tensor, inputs: ContactInputs, values: Tensor) -> Tensor:
+        """Add thrust and torque of the lugs; ``values[:, 0]`` in [N]."""
+        slip = inputs.slip
+        mobilised = self.mobilised * torch.exp(values[:, 1:])
+        thrust = -values[:, :1] * torch.sign(slip) * torch.expm1(-slip.abs() / mobilised)
+        cohesive = self.area * entry_angle(inputs.sinkage, self.radius)
+        return pushed(forces, thrust / self.load, cohesive, self.radius)
+
+
+class BlendedGrousers(Law):
+    """:class:`LoadedGrousers` whose force is linear in both values, size and v [N].
+
+    ::
+
+        F = (N + COHESIVE c b l) / N_0 sgn(i) (size m(GROUSER_SLIP) + v (m(SOONER) - m(LATER)))
+        m(i_0) = 1 - exp(-|i| / i_0)
+
+    Both laws are one where v and the extra value are zero.
+
+    At slips far below i_0 only size / i_0 shows. A filter that expands this ratio anew every second
+    comes to know size and i_0 each by itself, which no reading tells. With a sum it does not.
+    """
+
+    extra: ClassVar[tuple[ExtraValue, ...]] = (
+        ExtraValue("force that acts sooner less that which acts later", "of the size", 0.5),
+    )
+
+    def __init__(self, rover: Rover, axle: int | None = None) -> None:
+        super().__init__(rover, axle)
+        self.usual, self.sooner, self.later = GROUSER_SLIP, SOONER, LATER
+        self.load = level_load(rover)
+        self.area = COHESIVE * rover.wheel_width * rover.wheel_radius
+
+    def stresses(self, forces: Tensor, inputs: ContactInputs, values: Tensor) -> Tensor:
+        """Add thrust and torque of the lugs; ``values`` in [N]."""
+        slip = inputs.slip.abs()
+        usual = -torch.expm1(-slip / self.usual)
+        shape = torch.exp(-slip / self.later) - torch.exp(-slip / self.sooner)
+        thrust = torch.sign(inputs.slip) * (values[:, :1] * usual + values[:, 1:] * shape)
+        cohesive = self.area * entry_angle(inputs.sinkage, self.radius)
+        return pushed(forces, thrust / self.load, cohesive, self.radius)
+
+
+def level_load(rover: Rover) -> float:
+    """Return what a wheel of a rover carries on level ground, in the mean of all [N]."""
+    return rover.mass * rover.gravity / (len(rover.axle_x) * rover.wheels_per_axle)
+
+
+def pushed(forces: Tensor, share: Tensor, cohesive: Tensor, radius: float) -> Tensor:
+    """Add a thrust at the rim to coefficients [..., A, R, 3] of N, T, M and perhaps Y.
+
+    It is a ``share`` [..., A] of the load and of c times ``cohesive`` [..., A] [m^2].
+    """
+    none = torch.zeros_like(cohesive)
+    thrust = share.unsqueeze(-1) * (forces[..., 0, :] + torch.stack([cohesive, none, none], -1))
+    rows = forces[..., 1:3, :] + torch.stack([thrust, radius * thrust], -2)
+    return torch.cat([forces[..., :1, :], rows, forces[..., 3:, :]], -2)
