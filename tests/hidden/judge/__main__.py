@@ -27,7 +27,7 @@ from tests.hidden.judge.judging import Record, examine
 from tests.hidden.judge.page import field, joined, page, rover
 from tests.hidden.judge.strata import Batch, batches, field_batches, rover_batches
 
-FROZEN = "651139b9aab75260aeffe9a8ee9483b1133c41f9"
+FROZEN = "884d025fa0aeda28737e1a6aa928bc9a1d605021"
 """Commit after which nothing that decides a verdict was changed."""
 ROVER_FROZEN = "81280528e1295a926dee41e80f8b84e52e6973b9"
 """Commit that froze the rule for such cases. Younger are what FROZEN froze, and slip_sinkage."""
