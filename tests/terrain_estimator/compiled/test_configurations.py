@@ -115,3 +115,20 @@ def test_a_core_with_a_named_effect_gives_torchscripts_posterior_and_size(tmp_pa
         assert worst <= MOST_DIFFERENCE
         [first], [last] = answers[0].estimate.effects, answers[-1].estimate.effects
         assert last.sd < 0.9 * first.sd, "the drive tells the effect's size"
+
+
+def test_a_core_lets_a_named_effect_change_the_coefficients_of_the_contact(
+    tmp_path: Path,
+) -> None:
+    """Grousers do. A recursion may differ by ten times as much as one block, as in test_core."""
+    path, folder = tmp_path / "lugs.pt", tmp_path / "core"
+    add_effects(load_model("mars_rover"), [Sized.of_library("grousers")], path)
+    write_core(path, folder)
+    build_core(folder, tmp_path / "lugs.so", "-O0")
+    plain, core = load_model(str(path)), CompiledModel(tmp_path / "lugs.so")
+    assert core.difference() <= MOST_DIFFERENCE
+    compiled = dataclasses.replace(plain, runtime=CompiledRuntime(core))
+    worst, answers = compared(plain, compiled, CoreConfig())
+    assert worst <= 10.0 * MOST_DIFFERENCE
+    [first], [last] = answers[0].estimate.effects, answers[-1].estimate.effects
+    assert last.sd < 0.9 * first.sd, "the drive tells the effect's size"
