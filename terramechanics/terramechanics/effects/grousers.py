@@ -79,17 +79,14 @@ class LoadedGrousers(Law):
 
 
 class BlendedGrousers(Law):
-    """:class:`LoadedGrousers` whose force is linear in both values, size and v [N].
+    """Grousers whose force is linear in both values, size and v [N].
 
-    ::
-
-        F = (N + COHESIVE c b l) / N_0 sgn(i) (size m(GROUSER_SLIP) + v (m(SOONER) - m(LATER)))
-        m(i_0) = 1 - exp(-|i| / i_0)
-
-    Both laws are one where v and the extra value are zero.
+    F = sgn(i) (size m(GROUSER_SLIP) + v (m(SOONER) - m(LATER))), m(i_0) = 1 - exp(-|i| / i_0). The
+    sum is what :class:`Grousers` has where v is zero, and the size at large slips whatever v is.
 
     At slips far below i_0 only size / i_0 shows. A filter that expands this ratio anew every second
-    comes to know size and i_0 each by itself, which no reading tells. With a sum it does not.
+    comes to know size and i_0 each by itself, which no reading tells. With a sum it does not. For
+    the same reason the force does not grow with the load, which depends on c and tan(phi).
     """
 
     extra: ClassVar[tuple[ExtraValue, ...]] = (
@@ -99,17 +96,15 @@ class BlendedGrousers(Law):
     def __init__(self, rover: Rover, axle: int | None = None) -> None:
         super().__init__(rover, axle)
         self.usual, self.sooner, self.later = GROUSER_SLIP, SOONER, LATER
-        self.load = level_load(rover)
-        self.area = COHESIVE * rover.wheel_width * rover.wheel_radius
 
-    def stresses(self, forces: Tensor, inputs: ContactInputs, values: Tensor) -> Tensor:
-        """Add thrust and torque of the lugs; ``values`` in [N]."""
+    def added_force(self, inputs: ContactInputs, values: Tensor) -> AddedForce | None:
+        """Return thrust and torque of the lugs; ``values`` in [N]."""
         slip = inputs.slip.abs()
         usual = -torch.expm1(-slip / self.usual)
         shape = torch.exp(-slip / self.later) - torch.exp(-slip / self.sooner)
-        thrust = torch.sign(inputs.slip) * (values[:, :1] * usual + values[:, 1:] * shape)
-        cohesive = self.area * entry_angle(inputs.sinkage, self.radius)
-        return pushed(forces, thrust / self.load, cohesive, self.radius)
+        force = values[:, :1] * usual + values[:, 1:] * shape
+        thrust = torch.sign(inputs.slip) * force
+        return AddedForce(thrust, self.radius * thrust)
 
 
 def level_load(rover: Rover) -> float:

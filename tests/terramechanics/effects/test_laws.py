@@ -175,20 +175,18 @@ def test_blended_grousers_are_linear_in_both_values_and_push_with_the_size_far_b
     size: float, shape: float
 ) -> None:
     slips = at_slips(-0.3, 0.0, 0.02, 0.1, 100.0)
-    forces = slips.coefficients(ROVER.wheel_radius, ROVER.wheel_width, quadrature())
-
-    def added(law: LoadedGrousers | BlendedGrousers, *row: float) -> Tensor:
-        return law.stresses(forces, slips, values(*row)) - forces
-
-    both, plain, other = (
-        added(BlendedGrousers(ROVER), *row) for row in ((size, shape), (size, 0.0), (0.0, shape))
-    )
-    torch.testing.assert_close(plain, added(LoadedGrousers(ROVER), size, 0.0))
-    torch.testing.assert_close(both, plain + other)
-    full = added(LoadedGrousers(ROVER), 1.0, -9.0)  # mobilised at once
-    torch.testing.assert_close(both[0, -1], size * full[0, -1])
-    part = shape * (math.exp(-0.1) - math.exp(-0.4))
-    torch.testing.assert_close(other[0, 2], part * full[0, 2])
+    blend = BlendedGrousers(ROVER)
+    both = blend.added_force(slips, values(size, shape))
+    alone = [blend.added_force(slips, each) for each in (values(size, 0.0), values(0.0, shape))]
+    usual = Grousers(ROVER).added_force(slips, values(size, 0.0))
+    assert both is not None
+    assert usual is not None
+    parts = [each.traction for each in alone if each is not None]
+    torch.testing.assert_close(parts[0], usual.traction)
+    torch.testing.assert_close(both.traction, parts[0] + parts[1])
+    torch.testing.assert_close(both.torque, ROVER.wheel_radius * both.traction)
+    assert float(both.traction[0, -1]) == pytest.approx(size)
+    assert float(parts[1][0, 2]) == pytest.approx(shape * (math.exp(-0.1) - math.exp(-0.4)))
 
 
 @given(size=st.floats(0.0, 2.0), slip=st.floats(-0.6, 0.95), n=st.floats(0.5, 1.5))
