@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from scipy import integrate
 from torch import Tensor
 
 from terramechanics.effects import EFFECTS
@@ -19,6 +20,7 @@ from terramechanics.simulation.sample import TIME_STEP, Drive, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
+from tests.hidden import soil
 from tests.hidden.generators import GENERATORS, SCALES, Draw, sizes_of
 from tests.samples import sampled
 
@@ -164,6 +166,44 @@ def test_a_hidden_effect_moves_a_signal_in_its_direction(name: str, signal: str,
 def test_hidden_sensors_and_drives_do_not_move_the_rover(name: str) -> None:
     for signal in ("velocity", "slip", "sinkage", "ground_torque", "pitch"):
         assert torch.equal(getattr(hidden(name).sample, signal), getattr(nominal().sample, signal))
+
+
+def test_short_lugs_push_by_the_passive_pressure_of_the_loaded_soil_that_they_shear() -> None:
+    """The sum along the contact beside its integral; no push without slip."""
+    size, load, slip, sinkage = 0.004, 120.0, 0.3, 0.02
+    cohesion, tan_phi = 1200.0, 0.6
+    radius, width = MARS.wheel_radius, MARS.wheel_width
+    entered = math.acos(1.0 - sinkage / radius)
+    root = tan_phi + math.sqrt(1.0 + tan_phi**2)
+
+    def push(theta: float, direction: float) -> float:
+        spread = math.pi / 2.0 * math.sin(math.pi * theta / entered) / (width * radius * entered)
+        weight = soil.SOIL_DENSITY * MARS.gravity * size / 2.0
+        passive = root**2 * (weight + load * spread) + 2.0 * cohesion * root
+        moved = radius * slip * (entered - theta)
+        per_angle = soil.LUGS / (2.0 * math.pi) * soil.LUG_WIDTH * width * size
+        return direction * per_angle * passive * (1.0 - math.exp(-moved / soil.LUG_SHIFT))
+
+    def pushed(slip: float) -> Tensor:
+        wheels = torch.ones(BATCH, MARS.axles, dtype=torch.float64)
+        strength = torch.tensor([cohesion, tan_phi], dtype=torch.float64)
+        constants = load_soil("regolith").constants()
+        contact = ContactInputs(slip * wheels, sinkage * wheels, constants, strength)
+        forces = torch.zeros(BATCH, MARS.axles, 3, dtype=torch.float64)
+        forces[..., 0] = load
+        where = Situation(MARS, 1.0, torch.arange(BATCH), wheels, wheels, wheels[:, 0])
+        sizes = torch.full((BATCH,), size, dtype=torch.float64)
+        return (soil.LugFaces(sizes).push(where, contact, forces) - forces)[0, 0]
+
+    lift, thrust = (
+        integrate.quad(lambda theta, part=part: push(theta, part(theta)), 0.0, entered)[0]
+        for part in (math.sin, math.cos)
+    )
+    whole = integrate.quad(lambda theta: push(theta, 1.0), 0.0, entered)[0]
+    expected = [lift, thrust, (radius + size / 2.0) * whole]
+    assert pushed(slip).tolist() == pytest.approx(expected, rel=0.01)
+    assert not pushed(0.0).any()
+    assert pushed(-slip)[1] < 0.0
 
 
 def test_soil_that_is_entered_faster_is_stiffer() -> None:
