@@ -9,11 +9,10 @@ import numpy as np
 import torch
 
 from studies.measured.cases import HIT
-from terrain_estimator.discovery.hypotheses.library import NOTHING
+from terrain_estimator.discovery.hypotheses.library import NOTHING, LibraryEffect
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Rig, Row, cells_of
 from terrain_estimator.discovery.single_wheel.free_law import FreeLaw
 from terrain_estimator.discovery.single_wheel.law_fits import Interval, constants_measured
-from terramechanics.effects import make_effect
 
 SLIPS, LOAD_N, RATE_RAD_S = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6), 80.0, 0.1
 COHESION_PA, TAN_PHI = (0.0, 3000.0), (0.35, 0.85)
@@ -94,7 +93,9 @@ def _table(
         Row("t", "1", slip, LOAD_N, RATE_RAD_S, 0.01, 0.0, torque=0.0)
         for slip in np.array(SLIPS) + bed.slip_sd * generator.standard_normal(len(SLIPS))
     ]
-    effects = [make_effect(kind.effect, kind.size)] if kind.effect else []
+    # the law of tables: that of drives grows with the load of a rover
+    acting = LibraryEffect(kind.effect, one_wheel=True) if kind.effect else None
+    effects = [acting.acting([kind.size, *[0.0] * (acting.count - 1)])] if acting else []
     strength = torch.tensor([truth], dtype=torch.float64)
     states = bed.states(cells_of(true), strength, constants.unsqueeze(0), effects)[0].numpy()
     states = states + np.array(bed.deviations) * generator.standard_normal(states.shape)

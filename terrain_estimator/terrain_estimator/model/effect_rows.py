@@ -158,6 +158,8 @@ class EffectRows(nn.Module):
         forces = self.integrals(inputs, contact)
         for k, law in enumerate(self.laws):
             forces = law.stresses(forces, inputs, own[k])
+        for k, law in enumerate(self.laws):
+            forces = law.under_load(forces, inputs, own[k])
         traction, torque = torch.zeros_like(inputs.slip), torch.zeros_like(inputs.slip)
         for k, law in enumerate(self.laws):
             added = law.added_force(inputs, own[k])

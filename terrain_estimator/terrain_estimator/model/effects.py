@@ -34,7 +34,8 @@ LAWS_BY_WHEEL: dict[str, type[Law]] = {"grousers": BlendedGrousers}
 """Laws of models by wheel in place of the registry's, with as many values.
 
 The deviations of further values are shares of the size. Steered wheels slip by so little that the
-two values of the registry's grousers do not show apart.
+two values of the registry's grousers do not show apart, and a thrust that grows with the load ties
+its size to c and tan(phi). So here the size is the thrust with what load and cohesion give.
 """
 LAWS = {name: effect.law for name, effect in EFFECTS.items() if name not in NOT_ONLINE}
 """Laws of the effects that a model can have, by the registry's names."""

@@ -61,7 +61,7 @@ class EffectsByWheel(nn.Module):
         """Return the forces with the effects in the contact, [..., n, W, 4, 3]."""
         given = torch.zeros_like(rim[:1, :0]) if values is None else values
         own = given.split_with_sizes(self.counts, 1)
-        # no law by wheel depends on the strength of the ground
+        # no law by wheel reads the strength of the ground
         strength = torch.zeros_like(constants[..., :2])
         inputs = effect_inputs(motion, sinkage, constants, strength)
         for k, law in enumerate(self.laws):
@@ -77,7 +77,7 @@ class EffectsByWheel(nn.Module):
         before = forces * forwards
         changed = before
         for k, law in enumerate(self.laws):
-            changed = law.stresses(changed, inputs, own[k])
+            changed = law.under_load(changed, inputs, own[k])
         turning = (motion.rim * way).unsqueeze(-1).unsqueeze(-1)
         forces = forces + (changed - before) * forwards * turning
         traction, torque, side = none, none, none

@@ -148,7 +148,7 @@ class PhysicsWithEffects(nn.Module):
         observed = Observed(packed, before.wheel_rate)
         plain = view_of(self.effect_rows.corrected(observed, values), self.axles)
         contact = self.nominal.contact_of(constants, varied)
-        # No law of a model depends on c and tan phi.
+        # No law of a model reads c and tan phi.
         ruts = self.effect_rows.ruts(plain.slip, plain.sinkage, None, contact)
         inputs = ContactInputs(
             plain.slip, plain.sinkage, sets, torch.zeros_like(sets[..., :2]), None, None, ruts

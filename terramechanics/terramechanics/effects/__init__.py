@@ -171,7 +171,7 @@ EFFECTS = {
             name="grousers",
             sentence=(
                 "Lugs on the rim shear the soil between them: thrust and torque that grow with "
-                "slip and saturate."
+                "load, cohesion and slip, where they saturate."
             ),
             coefficient="grouser_thrust_n",
             unit="N",

@@ -17,10 +17,11 @@ GROUSER_SLIP = 0.1
 SOONER, LATER = 0.05, 0.2
 """[1] The same of grousers that act sooner and later, between which a blend of laws goes."""
 COHESIVE = 2.0
-"""[1] Thrust of c times the contact's area, of that which as much load gives.
+"""[1] Thrust by a force c b l of cohesion, over the thrust by an equal load N.
 
-Published laws have 1.2 (passive earth pressure, Terzaghi 1943), 1.7 (shear strength at the tips)
-and 3.6 (sides of the lugs, Micklethwait 1944), each at tan(phi) = 0.58.
+By published laws 1.2 (passive earth pressure, Terzaghi 1943), 1.7 (shear at the tips, Wong 2010) or
+3.4 to 3.9 (sides of lugs up to a fifth as high as wide, Micklethwait 1944), each at tan(phi) =
+0.58. This is between them.
 """
 
 
@@ -57,9 +58,9 @@ class LoadedGrousers(Law):
     of the contact's width b and length l = r theta_1. N_0 is the load on level ground, where the
     size [N] is the thrust at large slips without cohesion.
 
-    Lugs push against soil that the wheel presses down. All published laws have both parts: on the
-    lugs' sides (Micklethwait 1944, Bekker 1969), in front of them (Terzaghi 1943), and at their
-    tips (Wong 2008).
+    Lugs push against soil that the wheel presses down. Laws of lugs in loaded soil have both parts:
+    on their sides (Micklethwait 1944, Bekker 1969), in front of them (Terzaghi 1943, Wong 2008),
+    and at their tips (Ding et al. 2009, Wong 2010).
     """
 
     extra: ClassVar[tuple[ExtraValue, ...]] = Grousers.extra
@@ -69,7 +70,7 @@ class LoadedGrousers(Law):
         self.mobilised, self.load = GROUSER_SLIP, level_load(rover)
         self.area = COHESIVE * rover.wheel_width * rover.wheel_radius
 
-    def stresses(self, forces: Tensor, inputs: ContactInputs, values: Tensor) -> Tensor:
+    def under_load(self, forces: Tensor, inputs: ContactInputs, values: Tensor) -> Tensor:
         """Add thrust and torque of the lugs; ``values[:, 0]`` in [N]."""
         slip = inputs.slip
         mobilised = self.mobilised * torch.exp(values[:, 1:])

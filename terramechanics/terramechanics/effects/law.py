@@ -130,7 +130,16 @@ class Law(nn.Module):
         return inputs
 
     def stresses(self, forces: Tensor, inputs: ContactInputs, values: Tensor) -> Tensor:
-        """Change the coefficients [..., n, A, 3, 3] of the contact law, affine in the strength."""
+        """Put another contact law in the place of one; coefficients [..., n, A, 3, 3]."""
+        del inputs, values
+        return forces
+
+    def under_load(self, forces: Tensor, inputs: ContactInputs, values: Tensor) -> Tensor:
+        """Add forces that depend on the load to the coefficients [..., n, A, 3 or 4, 3].
+
+        Those of N, T, M and, at a slip angle, Y, each of c, of tan(phi) and of neither. A simulation
+        has all in the last column. It follows every law's :meth:`stresses`.
+        """
         del inputs, values
         return forces
 

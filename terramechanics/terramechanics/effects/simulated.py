@@ -56,14 +56,16 @@ class SimulatedEffect(Effect):
         law = self._law(where.rover)
         if type(law).stresses is Law.stresses:
             return forces
-        known = torch.stack([torch.zeros_like(forces), torch.zeros_like(forces), forces], -1)
-        changed = law.stresses(known, contact, self._of(where))
-        by_strength = torch.matmul(changed[..., :2], contact.strength.unsqueeze(-1)).squeeze(-1)
-        return by_strength + changed[..., 2]
+        return _at_strength(law.stresses(_known(forces), contact, self._of(where)), contact)
 
     def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
         """Add the law's force to ``forces`` [..., rows, axles, 3 or 4]."""
-        added = self._law(where.rover).added_force(contact, self._of(where))
+        law = self._law(where.rover)
+        if type(law).under_load is not Law.under_load:
+            forces = _at_strength(
+                law.under_load(_known(forces), contact, self._of(where)), contact
+            )
+        added = law.added_force(contact, self._of(where))
         if added is None:
             return forces
         none = torch.zeros_like(added.traction)
@@ -117,3 +119,14 @@ class SimulatedEffect(Effect):
             # A sample carries dv/dt, a sensor reads dv/dt + g sin ab.
             acceleration=seen.acceleration.squeeze(-1) - gravity * torch.sin(pitch),
         )
+
+
+def _known(forces: Tensor) -> Tensor:
+    """Return coefficients [..., 3] of ``forces`` that depend on no strength."""
+    return torch.stack([torch.zeros_like(forces), torch.zeros_like(forces), forces], -1)
+
+
+def _at_strength(coefficients: Tensor, contact: ContactInputs) -> Tensor:
+    """Return the forces by ``coefficients`` [..., 3] at the strength of the ground."""
+    by_strength = torch.matmul(coefficients[..., :2], contact.strength.unsqueeze(-1)).squeeze(-1)
+    return by_strength + coefficients[..., 2]

@@ -222,7 +222,7 @@ def test_an_effect_whose_law_may_be_another_leaves_a_sharp_estimate_unconfirmed(
 def test_lugs_on_steered_wheels_do_not_lead_a_model_with_grousers_astray(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The registry's law, expanded second by second, ends 7 deviations from c in one of these."""
+    """A thrust with s and i_0 unknown, expanded every second, ended 7 deviations from c in one."""
     monkeypatch.setattr(turning_hidden, "CONSTANTS_OFF", 0.0)
     prior = replace(DEFAULT_PRIOR, constants_sd=0.0)
     rover, lugs = STEERED.rover, describe("grousers")

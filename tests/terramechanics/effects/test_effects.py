@@ -248,7 +248,7 @@ def test_grousers_push_forward_when_driven_and_backward_when_braked() -> None:
         on_soil = torch.zeros(1, 3, 3, dtype=torch.float64)
         on_soil[..., 0] = MARS.weight / len(MARS.wheels)
         without_cohesion = wheel._replace(strength=wheel.strength * torch.tensor([0.0, 1.0]))
-        added = make_effect("grousers", 5.0).stresses(where, without_cohesion, on_soil) - on_soil
+        added = make_effect("grousers", 5.0).push(where, without_cohesion, on_soil) - on_soil
         torch.testing.assert_close(
             added[0, 0],
             torch.tensor([0.0, thrust, MARS.wheel_radius * thrust], dtype=torch.float64),

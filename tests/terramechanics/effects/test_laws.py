@@ -159,13 +159,13 @@ def test_lugs_under_load_push_by_load_and_cohesion_and_change_no_other_force() -
     forces = torch.zeros(1, 3, 4, 3, dtype=torch.float64)
     level = ROVER.weight / len(ROVER.wheels)
     forces[..., 0, :] = level * torch.tensor([0.5, 0.25, 0.25])
-    found = LoadedGrousers(ROVER).stresses(forces, inputs, size) - forces
+    found = LoadedGrousers(ROVER).under_load(forces, inputs, size) - forces
     assert not found[..., [0, 3], :].any()
     torch.testing.assert_close(found[..., 2, :], ROVER.wheel_radius * found[..., 1, :])
     length = ROVER.wheel_radius * math.acos(1.0 - 0.015 / ROVER.wheel_radius)
     cohesive = number(COHESIVE * ROVER.wheel_width * length / level, 0.0, 0.0)
     for loaded in (1.0, 0.3):
-        added = LoadedGrousers(ROVER).stresses(loaded * forces, inputs, size) - loaded * forces
+        added = LoadedGrousers(ROVER).under_load(loaded * forces, inputs, size) - loaded * forces
         shares = loaded * number(0.5, 0.25, 0.25) + cohesive  # of c, of tan(phi), and of neither
         torch.testing.assert_close(added[..., 1, :], plain.traction.unsqueeze(-1) * shares)
 
@@ -281,7 +281,7 @@ def test_forces_are_changed_in_the_direction_in_which_the_effect_pushes() -> Non
     pushed = make_effect("bulldozing", 3e4).push(where, contact(sinkage=0.02), forces) - forces
     expected = torch.tensor([0.0, -12.0, 0.0, 0.0], dtype=torch.float64)
     torch.testing.assert_close(pushed, expected.expand(2, 3, 4))
-    lugs = make_effect("grousers", 50.0).stresses(where, contact(), forces) - forces
+    lugs = make_effect("grousers", 50.0).push(where, contact(), forces) - forces
     assert bool((lugs[..., 1] > 0.0).all())
     torch.testing.assert_close(lugs[..., 2], ROVER.wheel_radius * lugs[..., 1])
     assert not lugs[..., [0, 3]].any()

@@ -293,9 +293,10 @@ class HypothesisRows:
 def acts_in_forces(law: Law) -> bool:
     """Return whether a law changes the forces on wheels at a given place."""
     own, none = type(law), Law
-    return (own.contact, own.stresses, own.added_force) != (
+    return (own.contact, own.stresses, own.under_load, own.added_force) != (
         none.contact,
         none.stresses,
+        none.under_load,
         none.added_force,
     )
 
