@@ -137,8 +137,8 @@ class Law(nn.Module):
     def under_load(self, forces: Tensor, inputs: ContactInputs, values: Tensor) -> Tensor:
         """Add forces that depend on the load to the coefficients [..., n, A, 3 or 4, 3].
 
-        Those of N, T, M and, at a slip angle, Y, each of c, of tan(phi) and of neither. A simulation
-        has all in the last column. It follows every law's :meth:`stresses`.
+        Rows are N, T, M and, at a slip angle, Y; columns what goes with c, with tan(phi) and with
+        neither. A simulation has all in the last one. Every law's :meth:`stresses` come first.
         """
         del inputs, values
         return forces

@@ -62,9 +62,7 @@ class SimulatedEffect(Effect):
         """Add the law's force to ``forces`` [..., rows, axles, 3 or 4]."""
         law = self._law(where.rover)
         if type(law).under_load is not Law.under_load:
-            forces = _at_strength(
-                law.under_load(_known(forces), contact, self._of(where)), contact
-            )
+            forces = _at_strength(law.under_load(_known(forces), contact, self._of(where)), contact)
         added = law.added_force(contact, self._of(where))
         if added is None:
             return forces
