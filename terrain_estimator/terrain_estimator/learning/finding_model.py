@@ -31,7 +31,7 @@ ELSEWHERE = 0.3
 No effect keeps exactly to its named law.
 """
 BY_WHEEL = 1.0
-"""[1] The same where models by wheel have another law: cohesion up to doubles its thrust of lugs."""
+"""[1] The same where models by wheel have another law: cohesion up to doubles a thrust of lugs."""
 
 
 def check_model(model: str, rover: Rover) -> None:
