@@ -19,7 +19,7 @@ from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.training import law_of
 from terrain_estimator.model.effect_rows import EffectRows
 from terrain_estimator.model.effect_values import ValuePrior
-from terrain_estimator.model.effects import LAWS, LAWS_BY_WHEEL, not_estimated
+from terrain_estimator.model.effects import LAWS, laws_by_wheel, not_estimated
 from terrain_estimator.model.effects_by_wheel import EffectsByWheel
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.metadata import AddedEffect, Metadata, ModelFileError
@@ -128,12 +128,13 @@ def _by_wheel(loaded: LoadedModel, places: WheelPlaces, effects: Sequence[Sized]
             " need: give a model by wheel without --torque-gain-sd"
         )
     plain = build_model_by_wheel(rover, places, known.soils, known.prior)
-    laws = [LAWS_BY_WHEEL.get(each.name, describe(each.name).law)(rover) for each in effects]
+    others = laws_by_wheel(places)
+    laws = [others.get(each.name, describe(each.name).law)(rover) for each in effects]
     acting = EffectsByWheel(laws, rover)
     constants = torch.stack([soil.constants() for soil in known.soils])
     by_wheel = physics_by_wheel(rover, places, constants, known.prior.constants_sd, acting)
     model = PAlpaca(
-        WheelsWithEffects(by_wheel, acting, value_prior(effects, LAWS_BY_WHEEL)),
+        WheelsWithEffects(by_wheel, acting, value_prior(effects, others)),
         plain.net,
         plain.prior,
     )

@@ -12,7 +12,7 @@ from terrain_estimator.discovery.evidence.soil_revision import RevisedStudy
 from terrain_estimator.discovery.evidence.verdict import Verdict
 from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.learning.adding import Sized, add_effects, restored
-from terrain_estimator.model.effects import LAWS_BY_WHEEL
+from terrain_estimator.model.effects import laws_by_wheel
 from terrain_estimator.model.metadata import (
     Metadata,
     ModelFileError,
@@ -30,8 +30,8 @@ ELSEWHERE = 0.3
 
 No effect keeps exactly to its named law.
 """
-BY_WHEEL = 1.0
-"""[1] The same where models by wheel have another law: cohesion up to doubles a thrust of lugs."""
+OTHER_LAW = 1.0
+"""[1] The same where the model has another law: cohesion up to doubles the thrust of lugs."""
 
 
 def check_model(model: str, rover: Rover) -> None:
@@ -102,9 +102,9 @@ def write_model(finding: Finding, rover: Rover, model: str, path: Path, new: Pat
         known = load_model(model)
         known = replace(known, metadata=replace(known.metadata, rover=rover))
         candidate = finding.candidate(finding.judgement.named[0])
-        others = LAWS_BY_WHEEL if known.metadata.wheel_places is not None else {}
+        others = laws_by_wheel(known.metadata.wheel_places)
         sizes = [
-            Sized(name, size, math.hypot(sd, (BY_WHEEL if name in others else ELSEWHERE) * size))
+            Sized(name, size, math.hypot(sd, (OTHER_LAW if name in others else ELSEWHERE) * size))
             for name, size, sd in candidate.sizes
         ]
         add_effects(known, sizes, new)

@@ -5,6 +5,7 @@
 from terramechanics.effects import EFFECTS
 from terramechanics.effects.grousers import BlendedGrousers
 from terramechanics.effects.law import Law
+from terramechanics.vehicle.wheel_places import WheelPlaces
 
 ASIDE = "lateral_bulldozing"
 """Effect that models by wheel alone can have."""
@@ -30,8 +31,8 @@ NOT_ONLINE_BY_WHEEL = {
     "payload": "its models have one mass: give the loaded mass in the rover file instead",
 }
 """Effects that models by wheel cannot have beside NOT_ONLINE, and why."""
-LAWS_BY_WHEEL: dict[str, type[Law]] = {"grousers": BlendedGrousers}
-"""Laws of models by wheel in place of the registry's, with as many values.
+STEERED_LAWS: dict[str, type[Law]] = {"grousers": BlendedGrousers}
+"""Laws of models by wheel of steered rovers in place of the registry's, with as many values.
 
 The deviations of further values are shares of the size. Steered wheels slip by so little that the
 two values of the registry's grousers do not show apart, and a thrust that grows with the load ties
@@ -46,3 +47,8 @@ def not_estimated(*, by_wheel: bool) -> dict[str, str]:
     if not by_wheel:
         return NOT_ONLINE
     return {name: why for name, why in NOT_ONLINE.items() if name != ASIDE} | NOT_ONLINE_BY_WHEEL
+
+
+def laws_by_wheel(places: WheelPlaces | None) -> dict[str, type[Law]]:
+    """Return the laws that are not the registry's in a model of wheels at ``places``, if any."""
+    return STEERED_LAWS if places is not None and places.steered else {}

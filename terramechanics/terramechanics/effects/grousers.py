@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of grousers: of drives, of models by wheel, and of tables of one wheel."""
+"""Laws of grousers: of drives, of models of steered rovers, and of tables of one wheel."""
 
 from typing import ClassVar
 

@@ -37,6 +37,7 @@ from terrain_estimator.estimator.summary import IDENTIFIED_VARIANCE
 from terrain_estimator.learning.adding import Sized, add_effects
 from terrain_estimator.learning.observing import observed
 from terrain_estimator.model.body_motion import body_motion, safe_motion
+from terrain_estimator.model.effects import laws_by_wheel
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.physics_of_wheels import physics_by_wheel
@@ -44,6 +45,7 @@ from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terrain_estimator.model.rows import values_alone
 from terrain_estimator.model.rows_beside import of_slopes
 from terramechanics.effects import describe
+from terramechanics.effects.grousers import BlendedGrousers
 from terramechanics.vehicle.wheel_places import chassis_places, wheel_order
 from tests import turning_hidden
 from tests.hidden.vehicle import DryBearing
@@ -217,6 +219,11 @@ def test_an_effect_whose_law_may_be_another_leaves_a_sharp_estimate_unconfirmed(
     assert last.estimate.identified == (confirmed, confirmed)
     why = "" if confirmed else "nothing tells another law of rate_dependence from the ground"
     assert last.unconfirmed == why
+
+
+def test_only_models_of_steered_rovers_have_another_law_of_lugs() -> None:
+    assert laws_by_wheel(None) == laws_by_wheel(SKID.places) == {}
+    assert laws_by_wheel(STEERED.places) == {"grousers": BlendedGrousers}
 
 
 def test_lugs_on_steered_wheels_do_not_lead_a_model_with_grousers_astray(
