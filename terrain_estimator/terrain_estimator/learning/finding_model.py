@@ -3,6 +3,7 @@
 """Model file of a finding: the rover's model with the named effect."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,7 +31,7 @@ ELSEWHERE = 0.3
 
 No effect keeps exactly to its named law.
 """
-OTHER_LAW = 1.0
+BY_ANOTHER_LAW = 1.0
 """[1] The same where the model has another law: cohesion up to doubles the thrust of lugs."""
 
 
@@ -102,15 +103,19 @@ def write_model(finding: Finding, rover: Rover, model: str, path: Path, new: Pat
         known = load_model(model)
         known = replace(known, metadata=replace(known.metadata, rover=rover))
         candidate = finding.candidate(finding.judgement.named[0])
-        others = laws_by_wheel(known.metadata.wheel_places)
-        sizes = [
-            Sized(name, size, math.hypot(sd, (OTHER_LAW if name in others else ELSEWHERE) * size))
-            for name, size, sd in candidate.sizes
-        ]
-        add_effects(known, sizes, new)
+        add_effects(known, priors(candidate.sizes, known.metadata.wheel_places), new)
     except (ConfigError, ModelFileError) as error:
         return f"no model is written: {error}"
     return path
+
+
+def priors(sizes: Sequence[tuple[str, float, float]], places: WheelPlaces | None) -> list[Sized]:
+    """Return the priors of effects with these sizes and deviations, of wheels at ``places``."""
+    apart = dict.fromkeys(laws_by_wheel(places), BY_ANOTHER_LAW)
+    return [
+        Sized(name, size, math.hypot(sd, apart.get(name, ELSEWHERE) * size))
+        for name, size, sd in sizes
+    ]
 
 
 def _has_soils(model: str, found: RevisedStudy) -> bool:

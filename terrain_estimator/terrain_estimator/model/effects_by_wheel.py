@@ -71,6 +71,7 @@ class EffectsByWheel(nn.Module):
             inputs.exit_angle,
         )  # fmt: skip
         none = torch.zeros_like(forces[..., 0, 0])
+        # A law pushes a wheel that drives forwards; backwards it acts the other way.
         way = torch.where(motion.rim < 0.0, -1.0, 1.0).to(none.dtype) + none
         one = torch.ones_like(none)
         forwards = torch.stack([one, way, way, one], -1).unsqueeze(-1)

@@ -67,7 +67,7 @@ class LoadedGrousers(Law):
 
     def __init__(self, rover: Rover, axle: int | None = None) -> None:
         super().__init__(rover, axle)
-        self.mobilised, self.load = GROUSER_SLIP, level_load(rover)
+        self.mobilised, self.load = GROUSER_SLIP, rover.weight / len(rover.wheels)
         self.area = COHESIVE * rover.wheel_width * rover.wheel_radius
 
     def under_load(self, forces: Tensor, inputs: ContactInputs, values: Tensor) -> Tensor:
@@ -108,15 +108,11 @@ class BlendedGrousers(Law):
         return AddedForce(thrust, self.radius * thrust)
 
 
-def level_load(rover: Rover) -> float:
-    """Return what a wheel of a rover carries on level ground, in the mean of all [N]."""
-    return rover.mass * rover.gravity / (len(rover.axle_x) * rover.wheels_per_axle)
-
-
 def pushed(forces: Tensor, share: Tensor, cohesive: Tensor, radius: float) -> Tensor:
     """Add a thrust at the rim to coefficients [..., A, R, 3] of N, T, M and perhaps Y.
 
-    It is a ``share`` [..., A] of the load and of c times ``cohesive`` [..., A] [m^2].
+    It is a ``share`` [..., A] [1] of the load and of c times ``cohesive`` [..., A] [m^2]. Its
+    arm is ``radius`` [m].
     """
     none = torch.zeros_like(cohesive)
     thrust = share.unsqueeze(-1) * (forces[..., 0, :] + torch.stack([cohesive, none, none], -1))

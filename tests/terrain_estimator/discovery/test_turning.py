@@ -35,6 +35,7 @@ from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.estimator.summary import IDENTIFIED_VARIANCE
 from terrain_estimator.learning.adding import Sized, add_effects
+from terrain_estimator.learning.finding_model import priors
 from terrain_estimator.learning.observing import observed
 from terrain_estimator.model.body_motion import body_motion, safe_motion
 from terrain_estimator.model.effects import laws_by_wheel
@@ -224,6 +225,12 @@ def test_an_effect_whose_law_may_be_another_leaves_a_sharp_estimate_unconfirmed(
 def test_only_models_of_steered_rovers_have_another_law_of_lugs() -> None:
     assert laws_by_wheel(None) == laws_by_wheel(SKID.places) == {}
     assert laws_by_wheel(STEERED.places) == {"grousers": BlendedGrousers}
+    sizes = [("grousers", 5.0, 1.0), ("drive_drag", 0.2, 0.04)]
+    # beside the fit's: 30 % of the size, where the law is another all of it
+    for turning, share in ((SKID, 0.3), (STEERED, 1.0)):
+        lugs, drag = priors(sizes, turning.places)
+        assert lugs.sd == pytest.approx(math.hypot(1.0, share * 5.0))
+        assert drag.sd == pytest.approx(math.hypot(0.04, 0.3 * 0.2))
 
 
 def test_lugs_on_steered_wheels_do_not_lead_a_model_with_grousers_astray(
