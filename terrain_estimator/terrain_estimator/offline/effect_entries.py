@@ -5,21 +5,27 @@
 from collections.abc import Iterable
 from typing import Any
 
-from terramechanics.effects import describe
+from terrain_estimator.discovery.hypotheses.library import Hypothesis
 
 
 def effect_entries(
-    sizes: Iterable[tuple[str, float, float]], probability: float, log_bayes_factor: float
+    hypothesis: Hypothesis,
+    sizes: Iterable[tuple[str, float, float]],
+    probability: float,
+    log_bayes_factor: float,
 ) -> list[dict[str, Any]]:
-    """Return the entries of one hypothesis in ``effects``; ``sizes`` are name, mean and sd."""
+    """Return the entries of one hypothesis in ``effects``.
+
+    ``sizes`` are name, mean and deviation of each of its effects, in the unit of its law.
+    """
     return [
         {
             "name": name,
             "coefficient": size,
             "sd": sd,
-            "unit": describe(name).unit,
+            "unit": effect.unit,
             "probability": probability,
             "log_bayes_factor": log_bayes_factor,
         }
-        for name, size, sd in sizes
+        for effect, (name, size, sd) in zip(hypothesis.effects, sizes, strict=True)
     ]

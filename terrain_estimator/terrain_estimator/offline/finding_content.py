@@ -99,7 +99,7 @@ def _effects(finding: Finding, hypothesis: Hypothesis) -> list[dict[str, Any]]:
     candidate = finding.candidate(hypothesis)
     probability = finding.judgement.probabilities[" + ".join(hypothesis.names)]
     factor = candidate.fit.log_evidence - finding.nothing.fit.log_evidence
-    return effect_entries(candidate.sizes, probability, factor)
+    return effect_entries(candidate.hypothesis, candidate.sizes, probability, factor)
 
 
 def _parameters(finding: Finding, hypothesis: Hypothesis | None) -> dict[str, list[float]]:

@@ -160,26 +160,32 @@ def _ends(interval: Interval) -> dict[str, float]:
 def _effects(
     outcome: WheelFinding, hypothesis: Hypothesis, cells: Cells, given: Hypothesis, seed: int
 ) -> list[dict[str, Any]]:
-    """Return the effects of a hypothesis: sizes by the registry's laws, changes by all laws."""
+    """Return the effects of a hypothesis: changes by all laws, sizes by the registry's.
+
+    A pair has one law of each effect, the most probable one, which need not be the registry's.
+    """
     family = outcome.family(hypothesis)
-    own = next(
+    registry = (
         each
         for each in family.laws
         if all(effect.competing is None for effect in each.hypothesis.effects)
     )
+    own = next(registry, family.laws[0])
     probability = outcome.judgement.probabilities.get(" + ".join(hypothesis.names), 0.0)
     factor = outcome.weighed.gain(family, {})
     units = dict(zip(ROWS, UNITS, strict=True))
     changed = change(outcome.bed, cells, given, family, seed)
     rows = {name: _ends(each) | {"unit": units[name]} for name, each in changed.rows.items()}
     laws = [
-        {"law": law.hypothesis.effects[-1].law_name, "weight": weight}
+        {"law": " + ".join(each.law_name for each in law.hypothesis.effects), "weight": weight}
         for law, weight in zip(family.laws, family.weights, strict=True)
     ]
     return [
         entry
         | {"change": {"slip": changed.slip, "load_n": changed.load, "rows": rows}, "laws": laws}
-        for entry in effect_entries(own.sizes(outcome.first), probability, factor)
+        for entry in effect_entries(
+            own.hypothesis, own.sizes(outcome.first), probability, factor
+        )
     ]
 
 

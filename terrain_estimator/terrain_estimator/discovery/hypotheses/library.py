@@ -121,6 +121,14 @@ class LibraryEffect:
         return described.coefficient
 
     @property
+    def unit(self) -> str:
+        """Unit of its size."""
+        described = describe(self.name)
+        if self.competing is not None:
+            return described.competing[self.competing].unit
+        return described.unit
+
+    @property
     def range(self) -> tuple[float, float]:
         """Smallest and largest size."""
         described = describe(self.name)
