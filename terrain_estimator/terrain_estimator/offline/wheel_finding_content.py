@@ -183,9 +183,7 @@ def _effects(
     return [
         entry
         | {"change": {"slip": changed.slip, "load_n": changed.load, "rows": rows}, "laws": laws}
-        for entry in effect_entries(
-            own.hypothesis, own.sizes(outcome.first), probability, factor
-        )
+        for entry in effect_entries(own.hypothesis, own.sizes(outcome.first), probability, factor)
     ]
 
 

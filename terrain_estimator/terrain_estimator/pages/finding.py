@@ -114,7 +114,15 @@ def _asked(finding: Finding) -> dict[str, Any]:
     unsaid = {"rover": "", "soil": "", "other_soils": []}
     told = unsaid | dict(finding.get("asked") or {})
     searched = {"runs": finding["runs"], "held_out": finding["held_out"]}
-    return told | searched | {"library": library(finding), "damaged": finding.get("damaged") or {}}
+    return (
+        told
+        | searched
+        | {
+            "library": library(finding),
+            "damaged": finding.get("damaged") or {},
+            "left_out": finding.get("left_out") or [],
+        }
+    )
 
 
 def library(finding: Finding) -> list[str]:
@@ -185,11 +193,6 @@ def _proof(finding: Finding) -> dict[str, Any]:
     gap, proof = finding.get("gap") or {}, finding.get("proof") or {}
     scores = proof.get("rows") or ()
     kinds = list(dict.fromkeys(each["kind"] for each in scores))
-    rollouts = {
-        proof[key]["signal"]: proof[key]
-        for key in ("rollout", "velocity_rollout")
-        if proof.get(key)
-    }
     overall = {
         kind: [each for each in scores if each["kind"] == kind and each["region"] == EVERYWHERE]
         for kind in kinds
@@ -206,7 +209,7 @@ def _proof(finding: Finding) -> dict[str, Any]:
             )
             for kind in kinds
         ],
-        "rollouts": [_rollout(each) for each in rollouts.values()],
+        "rollouts": [_rollout(each) for each in proof.get("rollouts") or ()],
         "parameters": _halves(proof.get("parameters") or ()),
     }
 

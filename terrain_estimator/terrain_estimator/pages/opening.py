@@ -26,6 +26,7 @@ TITLES = {
     "latency": "Late slip and sinkage",
     "rate_dependence": "Soil that depends on speed",
     "exit_angle": "Soil that springs back behind the wheel",
+    "contact_law_scm": "Pressure along the normal of the ground, and ruts that stay",
     "lateral_bulldozing": "Soil pushed aside by the wheel",
 }
 """Effects as an engineer would call them."""

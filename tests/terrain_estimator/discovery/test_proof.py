@@ -3,6 +3,7 @@
 """A drag of the drives, found in two runs and judged on one with it and one without it."""
 
 import dataclasses
+from collections.abc import Sequence
 from functools import cache
 from typing import Any, cast
 
@@ -95,6 +96,20 @@ def test_an_effect_that_is_there_closes_the_gap_of_a_run_that_it_was_not_fitted_
     for strength in proof.parameters:
         assert strength.tan_phi[1] is not None
         assert abs(strength.tan_phi[1] - STRENGTH[2][1]) < abs(strength.tan_phi[0] - STRENGTH[2][1])
+
+
+def test_every_measured_signal_of_the_worst_window_is_kept_the_worst_first() -> None:
+    series = proven(2).rollouts
+    wheels = {f"{name}_{k}" for name in ("slip", "sinkage", "torque") for k in range(3)}
+    assert {each.signal for each in series} == {"velocity"} | wheels
+    worst = series[0]
+    assert worst.after is not None
+
+    def missed(simulated: Sequence[float | None]) -> float:
+        pairs = zip(worst.measured, simulated, strict=True)
+        return sum((a - b) ** 2 for a, b in pairs if a is not None and b is not None)
+
+    assert missed(worst.after) < missed(worst.before)
 
 
 def test_an_effect_that_the_held_out_run_lacks_is_not_added() -> None:

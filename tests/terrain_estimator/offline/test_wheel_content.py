@@ -31,9 +31,7 @@ RIG = Rig(
     (0.05,) * 5,
     (1e-3, 1.0, 1.0, 0.1),
 )
-ROWS = [
-    Row("measured", "1", slip, 60.0, 0.5, 0.01, 5.0) for slip in (0.05, 0.2, 0.35, 0.5, 0.65)
-]
+ROWS = [Row("measured", "1", slip, 60.0, 0.5, 0.01, 5.0) for slip in (0.05, 0.2, 0.35, 0.5, 0.65)]
 NO_FITS = LawFits((), ConstantsFree({}, 0, 0), None, ())
 
 

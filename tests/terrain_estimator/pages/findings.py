@@ -89,8 +89,11 @@ def _proof(*, added: bool) -> dict[str, Any]:
             for region in ("everywhere", "uphill")
         ],
         "parameters": [_half(half, after=added) for half in (0, 1)],
-        "rollout": _ROLLOUT | {"signal": "slip_0", "unit": "1"} | without,
-        "velocity_rollout": _ROLLOUT | without,
+        "rollouts": [
+            _ROLLOUT | {"signal": "slip_0", "unit": "1"} | without,
+            _ROLLOUT | without,
+            _ROLLOUT | {"signal": "torque_2", "unit": "N m"} | without,
+        ],
     }
 
 

@@ -105,6 +105,17 @@ def test_an_unknown_that_only_rollouts_show_says_so() -> None:
     )
 
 
+def test_runs_that_were_not_used_stand_with_the_reason() -> None:
+    text = finding_page(finding("named") | {"left_out": ["bags/rain is left out: no pitch"]})
+    assert "<li>bags/rain is left out: no pitch.</li>" in text
+
+
+def test_every_signal_of_the_worst_window_is_drawn_the_two_worst_in_the_open() -> None:
+    text = report("named")
+    first, others = text.index('id="rollout-slip_0"'), text.index("All other measured signals")
+    assert first < text.index('id="rollout-velocity"') < others < text.index("rollout-torque_2")
+
+
 def test_what_to_drive_next_stands_with_what_it_is_expected_to_bring() -> None:
     text = report("confusable")
     assert (

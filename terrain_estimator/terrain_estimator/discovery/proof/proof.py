@@ -94,9 +94,8 @@ class Proof:
     )  # [nat] of the held-out runs, the effect over nothing; None where nothing is to be added
     rows: tuple[RowScore, ...]
     parameters: tuple[Strength, ...]
-    # of the signal that the model without the effect misses most, in its worst window
-    rollout: SignalSeries | None
-    velocity_rollout: SignalSeries | None  # of the velocity in the same window
+    # in the window that the model without the effect misses most; the signal it misses most first
+    rollouts: tuple[SignalSeries, ...]
     encoders: bool = True  # whether every run has measured wheel rates, which drive the rollouts
     # [nat] the log Bayes factor to expect, were the effect there; None where nothing is to be added
     expected_log_bayes_factor: float | None = None
@@ -260,7 +259,7 @@ def prove(
         likelier if candidate else None,
         (*rows, *rolled.rows),
         tuple(_strength(half, number % 2) for number, half in enumerate(judged)),
-        *rolled.pictures,
+        rolled.series,
         all(run.encoders for run in runs),
         expected,
         is_undecided(*shown),
@@ -273,10 +272,10 @@ class Rolled:
 
     gap: Gap | None
     rows: tuple[RowScore, ...]
-    pictures: tuple[SignalSeries | None, SignalSeries | None]
+    series: tuple[SignalSeries, ...]
 
 
-NO_TURN = Rolled(None, (), (None, None))
+NO_TURN = Rolled(None, (), ())
 """What is told of rovers that turn, of which nothing is simulated ahead."""
 
 
@@ -305,7 +304,7 @@ def _rolled(
         *_pair(rolled),
     )
     gap = gap_of(*_pair(rolled), pieces, seed)
-    return Rolled(gap, tuple(rows), _pictures(axles, judged, windows, driven, rolled[0]))
+    return Rolled(gap, tuple(rows), _series(axles, judged, windows, driven, rolled[0]))
 
 
 def models_of(candidate: Candidate | None, nothing: Candidate | None = None) -> tuple[Model, ...]:
@@ -394,20 +393,21 @@ def _strength(half: Half, number: int) -> Strength:
     return Strength(half.blocks.name, 1 - number, *columns)
 
 
-def _pictures(
+def _series(
     axles: int,
     judged: Sequence[Half],
     windows: Windows,
     driven: Sequence[SimulatedSignals],
     before: Predicted,
-) -> tuple[SignalSeries, SignalSeries]:
+) -> tuple[SignalSeries, ...]:
+    """Return every measured signal of the worst window, that which is missed most first."""
     window = int(before.misfit.view(-1, PIECE).sum(1).argmax())
-    signal = int((before.error / before.sd).square().nanmean(0).argmax())
+    missed = (before.error / before.sd).square().nanmean(0).nan_to_num(-1.0)
     half = judged[int(windows.half[window])].blocks
     start = float(half.signals.time[int(windows.first[window]), 0])
     time = start + windows.step * (torch.arange(1, PIECE * BLOCK) - 0.5 * (BLOCK - 1))
 
-    def series(k: int) -> SignalSeries:
+    def of(k: int) -> SignalSeries:
         columns = [
             windows.measured.values[window, :, k],
             *(each.signals[window, :, k] for each in driven),
@@ -424,4 +424,5 @@ def _pictures(
             second[0] if second else None,
         )
 
-    return series(signal), series(0)
+    every = (of(k) for k in missed.argsort(descending=True, stable=True).tolist())
+    return tuple(each for each in every if any(value is not None for value in each.measured))
