@@ -50,6 +50,7 @@ from tests.hidden.judge.strata import (
     families,
     field_batches,
     field_families,
+    nothing_batches,
     rover_batches,
 )
 from tests.hidden.sealing import seal
@@ -262,6 +263,14 @@ def test_the_field_is_drawn_from_the_commit_that_froze_the_rule() -> None:
     }
 
 
+def test_where_nothing_is_hidden_and_all_told_rightly_rovers_and_soils_are_drawn() -> None:
+    nothing = nothing_batches("1a2b3c4d5e")
+    assert nothing == nothing_batches("1a2b3c4dffff") != nothing_batches("1a2b3c4e5e")
+    assert len({key for each in nothing for key in each.keys}) == len(nothing) == 400
+    plans = {each.plan for each in nothing}
+    assert plans == {Plan(soil=soil, rover=rover) for soil in FIELD_SOILS for rover in ROVERS}
+
+
 def test_what_is_drawn_for_rovers_leaves_the_cases_of_before() -> None:
     """The digest is that of before there were such rovers."""
     frozen = "befa0b6e202c572df4b965ff88c2a40817ec6fe3"
@@ -337,7 +346,7 @@ def test_records_that_are_kept_are_those_of_cases_each_once_with_its_commit(name
     lines = (KEPT / f"{name}.jsonl").read_text(encoding="utf-8").splitlines()
     records = [json.loads(line) for line in lines]
     batches_of = {
-        "field": field_batches(FROZEN),
+        "field": [*field_batches(FROZEN), *nothing_batches(FROZEN)],
         "rover": [
             *rover_batches(ROVER_FROZEN),
             *rover_batches(ROVER_FROZEN, untold=True),

@@ -25,7 +25,13 @@ from terrain_estimator.offline.cluster import ClusterError, cluster
 from tests.hidden.judge.bars import bars, field_bars, told_and_untold
 from tests.hidden.judge.judging import Record, examine
 from tests.hidden.judge.page import field, joined, page, rover
-from tests.hidden.judge.strata import Batch, batches, field_batches, rover_batches
+from tests.hidden.judge.strata import (
+    Batch,
+    batches,
+    field_batches,
+    nothing_batches,
+    rover_batches,
+)
 
 FROZEN = "884d025fa0aeda28737e1a6aa928bc9a1d605021"
 """Commit after which nothing that decides a verdict was changed."""
@@ -81,7 +87,9 @@ def _chosen(options: argparse.Namespace) -> list[Batch]:
     """Return the cases that the options ask for."""
     if options.rover:
         return rover_batches(options.rover_frozen, untold=options.untold)
-    return field_batches(options.frozen) if options.field else batches(whole=options.full)
+    if options.field:
+        return [*field_batches(options.frozen), *nothing_batches(options.frozen)]
+    return batches(whole=options.full)
 
 
 def _file(options: argparse.Namespace) -> Path:

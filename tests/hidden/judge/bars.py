@@ -16,6 +16,7 @@ from terrain_estimator.intervals import HALF_WIDTH_95
 from tests.hidden.judge.judging import NO_DRIVE, Record
 from tests.hidden.judge.strata import (
     NO_FILE,
+    NOTHING,
     ROVER_BEYOND,
     ROVER_NOTHING,
     ROVER_ONE,
@@ -119,6 +120,8 @@ FIELD_SHARES = (
         most=0.98,
         cases=80,
     ),
+    Share(f"{NOTHING}: anything named", _family(NOTHING), _named, most=0.02, cases=400),
+    Share(f"{NOTHING}: unknown", _family(NOTHING), _unknown, most=0.05, cases=400),
 )
 SHARES = (
     Share(
@@ -320,6 +323,9 @@ def conditions(records: Sequence[Record]) -> str:
     """Return the table of right verdicts by condition of the field, as Markdown."""
     groups: dict[str, list[Record]] = defaultdict(list)
     for each in records:
+        if each["family"] == NOTHING:
+            groups[f"beside the bars: {NOTHING}, {each['rover']} on {each['soil']}"].append(each)
+            continue
         if each["family"] == NO_FILE:
             groups["beside the bars: ground between two soil files, told one of them"].append(each)
             continue

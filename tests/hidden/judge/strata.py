@@ -130,6 +130,29 @@ def field_batches(frozen: str) -> list[Batch]:
     return _in_step(list(families.values()))
 
 
+NOTHING = "nothing hidden, all told rightly"
+_NOTHING_CASES = 400
+
+
+def nothing_batches(frozen: str) -> list[Batch]:
+    """Return cases in which nothing is hidden: rover and soil are drawn, and told rightly.
+
+    They stand beside the cases of the field; ``frozen`` as there.
+    """
+    seed = int(frozen[:8], 16)
+    drawn = random.Random(f"nothing {seed}")  # a stream of its own
+    return [
+        Batch(
+            NOTHING,
+            Plan(soil=drawn.choice(FIELD_SOILS), rover=drawn.choice(sorted(ROVERS))),
+            seed % 1_000_000_000 + turn,
+            drawn.randrange(len(FIELD_SOILS) * len(TERRAINS)),
+            count=1,
+        )
+        for turn in range(_NOTHING_CASES)
+    ]
+
+
 ROVER_NOTHING, ROVER_BEYOND = "rover, nothing", "rover, beyond its deviation"
 ROVER_ONE, ROVER_OUTSIDE = "rover, one effect", "rover, outside"
 UNTOLD = " (untold)"
