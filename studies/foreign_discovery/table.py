@@ -20,7 +20,8 @@ with the prior of the installed model and the noise of [the simulator](simulator
 - **default**: the candidates of the command without `--library`.
 - `tracks` has two drives and none to hold out. A name is unproven there, so the default does not
   try the law at all; a second search has `--library {law}`, and that law alone.
-- The searches are those of the command without its bags: the same observations, in one process.
+- The searches are those of the command with `--rover-sd exact`, without its bags: the same
+  observations, in one process.
 - These drives were used to develop `contact_law_scm`: **this is no blind result.**
 
 ## Names
@@ -29,7 +30,11 @@ with the prior of the installed model and the noise of [the simulator](simulator
 NAMES = """
 Rollouts and next seconds: root mean square errors, in deviations of the sensors and in what the
 model expects, before and after the name; the floor is what a right model has. Brackets are 95 %
-limits. Time is that of one core for the search and its proof.
+limits. Time is that of one core for the search and its proof. A size is in the
+[effect's unit](effects.md).
+
+No mass is missing in these drives: the rover weighs what its file says. **A `payload` that is named
+from two drives is wrong, and unproven.**
 
 ## c and tan phi
 

@@ -17,7 +17,9 @@ INTRODUCTION = """# Measured wheels
 
 What does the contact law say of wheels that laboratories measured? These are all tables of
 `bags/measured`, judged as `find_missing_effect --wheel-table` does
-([single_wheel.md](single_wheel.md)). Nothing here is simulated but the last table.
+([single_wheel.md](single_wheel.md)). Nothing here is simulated but the last table. HIT is the Harbin
+Institute of Technology (Ding et al. 2011), CMU Carnegie Mellon University (Pavlov and Johnson).
+Lugs are what the library calls `grousers`.
 
 **Not blind.** The tables were at hand when the method was written: the deviations of HIT's zeros,
 the rule that a reference is searched first and the two fits were made with them. The lengths and
@@ -41,7 +43,7 @@ HIT's K was measured as 9.7 to 13.1 mm.
 VERDICTS = """## Verdicts
 
 "Described" says whether errors on held-out settings are those of a true law (probability above
-0.001).
+0.001). Where it says no, the law is wrong beyond the errors of measurement, whatever is named.
 
 """
 HELD_OUT = """## Errors on settings that were held out
@@ -65,7 +67,8 @@ WHEELS = """## Errors on wheels that were held out
 
 Everything is fitted to the laboratory's other wheel alone. The lugs' own size is unknown until they
 are measured, so there is no "after" for them. In "after" of the smooth wheel the lugs' part was
-fitted to the lugs' table and then left out.
+fitted to the lugs' table and then left out. **Where "after" exceeds "before", the named effect made
+the prediction of the other wheel worse.**
 
 """
 FREE = """## How well can the law fit?
@@ -86,7 +89,7 @@ Simulated tables of HIT's smooth rim at its six slips, c 0 to 3 kPa, tan phi 0.3
 stated above. A law that is wrong as a whole shows whether the estimated model error suffices.
 
 """
-_WORDS = {"none": "nothing missing", "unknown": "unknown, closest {}"}
+_WORDS = {"none": "no effect identified", "unknown": "unknown, closest {}"}
 _HEADS = {"bekker": "Bekker"}
 _SCALES = {"m": (1e3, "mm")}
 
