@@ -105,6 +105,16 @@ def test_an_unknown_that_only_rollouts_show_says_so() -> None:
     )
 
 
+@pytest.mark.parametrize("verdict", ["named", "confusable", "unknown", "none", "soil"])
+def test_the_first_two_paragraphs_have_no_unit_of_likelihood(verdict: str) -> None:
+    given = finding(verdict)
+    given["proof"]["sentence"] += "; one second ahead a value is 1.2 to 1.9 nat likelier"
+    shown = finding_page(given).partition("<h1")[2]
+    paragraphs = re.findall(r"<p[^>]*>(.*?)</p>", shown, re.DOTALL)
+    assert any("nat likelier" in each for each in paragraphs)
+    assert not any(re.search(r"\bnat\b", each) for each in paragraphs[:2])
+
+
 def test_runs_that_were_not_used_stand_with_the_reason() -> None:
     text = finding_page(finding("named") | {"left_out": ["bags/rain is left out: no pitch"]})
     assert "<li>bags/rain is left out: no pitch.</li>" in text
