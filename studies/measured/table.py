@@ -17,9 +17,9 @@ INTRODUCTION = """# Measured wheels
 
 What does the contact law say of wheels that laboratories measured? These are all tables of
 `bags/measured`, judged as `find_missing_effect --wheel-table` does
-([single_wheel.md](single_wheel.md)). Nothing here is simulated but the last table. HIT is the Harbin
-Institute of Technology (Ding et al. 2011), CMU Carnegie Mellon University (Pavlov and Johnson).
-Lugs are what the library calls `grousers`.
+([single_wheel.md](single_wheel.md)). Nothing here is simulated but the last table. HIT is the
+Harbin Institute of Technology (Ding et al. 2011), CMU Carnegie Mellon University (Pavlov and
+Johnson). Lugs are what the library calls `grousers`.
 
 **Not blind.** The tables were at hand when the method was written: the deviations of HIT's zeros,
 the rule that a reference is searched first and the two fits were made with them. The lengths and
@@ -67,8 +67,8 @@ WHEELS = """## Errors on wheels that were held out
 
 Everything is fitted to the laboratory's other wheel alone. The lugs' own size is unknown until they
 are measured, so there is no "after" for them. In "after" of the smooth wheel the lugs' part was
-fitted to the lugs' table and then left out. **Where "after" exceeds "before", the named effect made
-the prediction of the other wheel worse.**
+fitted to the lugs' table and then left out. **Where "after" exceeds "before", the named effect
+made the prediction of the other wheel worse.**
 
 """
 FREE = """## How well can the law fit?

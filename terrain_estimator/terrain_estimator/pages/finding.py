@@ -14,7 +14,7 @@ from typing import Any
 
 from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.pages import finding_words as say
-from terrain_estimator.pages.opening import excluded
+from terrain_estimator.pages.opening import excluded, signal_words
 from terrain_estimator.pages.page import page
 from terrain_estimator.pages.pictures import (
     AFTER,
@@ -217,13 +217,13 @@ def _proof(finding: Finding) -> dict[str, Any]:
 def _rollout(rollout: Mapping[str, Any]) -> Picture:
     series = [PlotSeries("measured", rollout["measured"], INK, "^")]
     series += [PlotSeries(word, rollout[word], *STYLES[word]) for word in STYLES if rollout[word]]
-    title = f"{rollout['signal'].capitalize()} in {rollout['run']}"
+    said = signal_words(rollout["signal"])
     return lines(
         f"rollout-{rollout['signal']}",
-        title,
+        f"{said.capitalize()} in {rollout['run']}",
         rollout["time_s"],
         series,
-        ("time [s]", f"{rollout['signal']} [{rollout['unit']}]"),
+        ("time [s]", f"{said} [{rollout['unit']}]"),
     )
 
 

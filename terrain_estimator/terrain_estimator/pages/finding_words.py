@@ -237,10 +237,12 @@ def soil_refuted(finding: Mapping[str, Any]) -> bool:
 
 def _named(finding: Mapping[str, Any]) -> tuple[str, Markup]:
     effects = finding["effects"]
-    sizes = Markup("; ").join(_size(each) for each in effects)
-    sentence = Markup("{} {}: {}. Probability {}.").format(
+    sizes = Markup("")
+    if "change" in effects[0]:  # else the opening has the sizes
+        which = "Its size" if len(effects) == 1 else "Their sizes"
+        sizes = Markup(" {}: {}.").format(which, Markup("; ").join(map(_size, effects)))
+    sentence = Markup("{}{} Probability {}.").format(
         " ".join(what_it_is(each["name"]) for each in effects),
-        "Its size" if len(effects) == 1 else "Their sizes",
         sizes,
         probability(effects[0]["probability"]),
     )

@@ -117,12 +117,17 @@ def _gained(finding: Mapping[str, Any]) -> str:
         if helped[2] <= _LOWERED * helped[1]:
             name, before, after, unit = helped
     factor, shown = _SHOWN.get(unit, (1.0, unit))
-    row = _AXLE.sub(r" of axle \1", name).replace("_", " ")
+    row = signal_words(name)
     change = "takes" if after < before else "does not lower"
     figures = f"from {factor * before:.2g} to {factor * after:.2g} {shown}"
     return f"; adding it {change} the error of the {row} on unseen {where}" + (
         f" {figures}" if after < before else f" ({figures})"
     )
+
+
+def signal_words(name: str) -> str:
+    """Return the name of a signal or row in words, such as slip of axle 0."""
+    return _AXLE.sub(r" of axle \1", name).replace("_", " ")
 
 
 def excluded(probabilities: Mapping[str, float]) -> list[str]:
@@ -132,7 +137,8 @@ def excluded(probabilities: Mapping[str, float]) -> list[str]:
     found = []
     for name, value in sorted(probabilities.items(), key=lambda pair: -pair[1]):
         if value < UNLIKELY * probabilities[best]:
-            times = f"{probabilities[best] / value:.2g} times" if value > 1e-6 else "over 1e6 times"
+            ratio = float(f"{probabilities[best] / max(value, 1e-6):.2g}")
+            times = f"{ratio:.0f} times" if value > 1e-6 else "over 1e6 times"
             than = titles.get(best, best)
             found.append(f"{titles.get(name, name)}: {times} less likely than {than}")
     return found

@@ -61,14 +61,14 @@ FIELD_HEADING = "## Conditions drawn at random\n"
 FIELD = """
 {measured}
 
-**{done} of the {wanted} cases are done.** All are simulated. Conditions are drawn for each case anew:
+**{done} of the {wanted} cases are done.** All are simulated. Conditions are drawn for each case:
 
 | condition | drawn from |
 |---|---|
 | rover | four; two have no model |
 | soil | three presets |
 | size of an effect | the range of the hidden law |
-| what is told of the soil | its file; in a third of the cases another preset, and the right file is at hand |
+| soil as told | the right file; in a third of the cases another one, the right one at hand |
 | noise | as stated; in a third of the cases 0.5 to 2 times that |
 | rover file | right, and told as exact (`--rover-sd exact`) |
 
@@ -77,7 +77,7 @@ no file, and cases in which nothing is hidden and all is told rightly.
 
 The rule of the verdict was frozen by commit {frozen}, whose
 first eight digits are the seed of these cases. Cases of earlier rules are in the history of this
-page. All families advance in step, so that those done are a sample of all; the cases of nothing were
+page. All families advance in step, so that those done are a sample of all; those of nothing were
 examined at once. "No drive" means that every observation of the analysed drives was refused: the
 command says so and has no verdict. {examined}
 
@@ -88,7 +88,8 @@ ROVER_HEADING = "## A rover that is not that of its file\n"
 ROVER = """
 {measured}
 
-**{done} of the {wanted} cases are done.** Rover, soil and noise are drawn as above, and with them the errors of the rover file: mass, wheel radius and place of the centre of mass, each with a
+**{done} of the {wanted} cases are done.** Rover, soil and noise are drawn as above, and with
+them the errors of the rover file: mass, wheel radius and place of the centre of mass, each with a
 stated deviation of 0.5 to 2 % of the mass, 0.2 to 0.6 % of the radius, 0.4 to 1.4 % of the
 wheelbase. The errors are Gaussian, cut off at 2.5 deviations. The search is told the deviations
 (`--rover-sd`). In one family the mass or the radius is 3 to 5 deviations off: there `payload` or

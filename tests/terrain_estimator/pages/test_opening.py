@@ -49,7 +49,7 @@ def test_the_first_sentence_names_what_is_lowered_where_the_velocity_is_not() ->
 def test_candidates_far_behind_the_best_are_excluded_with_their_odds() -> None:
     lines = excluded({"grousers": 0.9, "exit_angle": 0.009, "none": 0.0, "bulldozing": 0.09})
     assert lines == [
-        "exit_angle: 1e+02 times less likely than grousers",
+        "exit_angle: 100 times less likely than grousers",
         "nothing missing: over 1e6 times less likely than grousers",
     ]
 
