@@ -186,7 +186,7 @@ def search(options: argparse.Namespace) -> int:
             "provenance": provenance(nominal.rover, soils),
             **tolerance,
         }
-        content = finding_content(outcome, diagnosis, usable.blocks, kept.blocks) | told
+        content = finding_content(outcome, diagnosis, study, kept.blocks, options.seed) | told
         with results.renewing(*names, SEARCH) as new:
             write_finding(new, content)
             model = write_model(

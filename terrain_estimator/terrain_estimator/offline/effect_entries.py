@@ -6,6 +6,10 @@ from collections.abc import Iterable
 from typing import Any
 
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
+from terrain_estimator.discovery.single_wheel.cells import ROWS, UNITS
+from terrain_estimator.discovery.single_wheel.size import Change
+
+_UNITS = dict(zip(ROWS, UNITS, strict=True))
 
 
 def effect_entries(
@@ -29,3 +33,12 @@ def effect_entries(
         }
         for effect, (name, size, sd) in zip(hypothesis.effects, sizes, strict=True)
     ]
+
+
+def change_entry(change: Change) -> dict[str, Any]:
+    """Return what an effect changes of one wheel, with the ends of 95 % intervals."""
+    rows = {
+        name: dict(zip(("low", "median", "high"), ends, strict=True)) | {"unit": _UNITS[name]}
+        for name, ends in change.rows.items()
+    }
+    return {"slip": change.slip, "load_n": change.load, "rows": rows}

@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from terrain_estimator.discovery.evidence.study import Study
 from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
 from terrain_estimator.discovery.hypotheses.library import ON_REQUEST, Hypothesis
 from terrain_estimator.discovery.hypotheses.rover_doubt import STANDS_FOR
@@ -14,8 +15,9 @@ from terrain_estimator.discovery.proof.gap import Gap
 from terrain_estimator.discovery.proof.soil_proof import Proven
 from terrain_estimator.discovery.report.diagnosis import Diagnosis
 from terrain_estimator.discovery.report.finding import Finding
+from terrain_estimator.discovery.report.wheel_changes import wheel_changes
 from terrain_estimator.discovery.runs import Blocks
-from terrain_estimator.offline.effect_entries import effect_entries
+from terrain_estimator.offline.effect_entries import change_entry, effect_entries
 from terrain_estimator.offline.revised_soils import refuted_content, soils_content
 from terrain_estimator.pages.finding_words import (
     constant_words,
@@ -32,10 +34,11 @@ from terramechanics.effects import describe
 def finding_content(
     outcome: Proven,
     diagnosis: Diagnosis,
-    blocks: Sequence[Blocks],
+    study: Study,
     unseen: Sequence[Blocks],
+    seed: int = 0,
 ) -> dict[str, Any]:
-    """Return the content of finding.json."""
+    """Return the content of finding.json; ``study`` is on the soils as told."""
     finding, proof = outcome.finding, outcome.proof
     judgement = finding.judgement
     after = judgement.named[0] if judgement.named else None
@@ -45,7 +48,9 @@ def finding_content(
         "verdict": str(judgement.verdict),
         "probabilities": judgement.probabilities,
         "effects": [
-            entry for hypothesis in judgement.named for entry in _effects(finding, hypothesis)
+            entry
+            for hypothesis in judgement.named
+            for entry in _effects(finding, hypothesis, finding.study(study), seed)
         ],
         "confusable_with": [each.label for each in judgement.named[1:]],
         "not_tried": not_tried(judgement, diagnosis),
@@ -74,7 +79,7 @@ def finding_content(
             }
         ),
         "parameters": {"before": _parameters(finding, None), "after": _parameters(finding, after)},
-        "runs": [each.name for each in blocks],
+        "runs": [each.name for each in study.runs],
         "held_out": [each.name for each in unseen],
     }
 
@@ -95,11 +100,19 @@ def _soil_proof(outcome: Proven) -> dict[str, Any] | None:
     return numbers | {"holds": holds, "sentence": outcome.soil_sentence}
 
 
-def _effects(finding: Finding, hypothesis: Hypothesis) -> list[dict[str, Any]]:
+def _effects(
+    finding: Finding, hypothesis: Hypothesis, study: Study, seed: int
+) -> list[dict[str, Any]]:
+    """Return the entries of a hypothesis, with what an effect changes of one wheel."""
     candidate = finding.candidate(hypothesis)
     probability = finding.judgement.probabilities[" + ".join(hypothesis.names)]
     factor = candidate.fit.log_evidence - finding.nothing.fit.log_evidence
-    return effect_entries(candidate.hypothesis, candidate.sizes, probability, factor)
+    changes = wheel_changes(candidate, study.nominal, study.runs, seed)
+    entries = effect_entries(candidate.hypothesis, candidate.sizes, probability, factor)
+    return [
+        entry if change is None else entry | {"change": change_entry(change)}
+        for entry, change in zip(entries, changes, strict=True)
+    ]
 
 
 def _parameters(finding: Finding, hypothesis: Hypothesis | None) -> dict[str, list[float]]:

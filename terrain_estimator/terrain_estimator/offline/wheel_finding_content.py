@@ -29,7 +29,7 @@ from terrain_estimator.discovery.single_wheel.law_fits import (
 )
 from terrain_estimator.discovery.single_wheel.size import change
 from terrain_estimator.observation import Floats
-from terrain_estimator.offline.effect_entries import effect_entries
+from terrain_estimator.offline.effect_entries import change_entry, effect_entries
 from terrain_estimator.pages.wheel_finding import undescribed
 
 NOT_IDENTIFIED = (
@@ -173,16 +173,13 @@ def _effects(
     own = next(registry, family.laws[0])
     probability = outcome.judgement.probabilities.get(" + ".join(hypothesis.names), 0.0)
     factor = outcome.weighed.gain(family, {})
-    units = dict(zip(ROWS, UNITS, strict=True))
-    changed = change(outcome.bed, cells, given, family, seed)
-    rows = {name: _ends(each) | {"unit": units[name]} for name, each in changed.rows.items()}
+    changed = change_entry(change(outcome.bed, cells, given, family, seed))
     laws = [
         {"law": " + ".join(each.law_name for each in law.hypothesis.effects), "weight": weight}
         for law, weight in zip(family.laws, family.weights, strict=True)
     ]
     return [
-        entry
-        | {"change": {"slip": changed.slip, "load_n": changed.load, "rows": rows}, "laws": laws}
+        entry | {"change": changed, "laws": laws}
         for entry in effect_entries(own.hypothesis, own.sizes(outcome.first), probability, factor)
     ]
 

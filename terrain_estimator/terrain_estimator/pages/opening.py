@@ -117,9 +117,9 @@ def _gained(finding: Mapping[str, Any]) -> str:
         if helped[2] <= _LOWERED * helped[1]:
             name, before, after, unit = helped
     factor, shown = _SHOWN.get(unit, (1.0, unit))
-    row = signal_words(name)
+    row, shown = signal_words(name), "" if shown == "1" else f" {shown}"
     change = "takes" if after < before else "does not lower"
-    figures = f"from {factor * before:.2g} to {factor * after:.2g} {shown}"
+    figures = f"from {factor * before:.2g} to {factor * after:.2g}{shown}"
     return f"; adding it {change} the error of the {row} on unseen {where}" + (
         f" {figures}" if after < before else f" ({figures})"
     )

@@ -46,6 +46,13 @@ def test_the_first_sentence_names_what_is_lowered_where_the_velocity_is_not() ->
     assert end in opening(drives_finding(1.63))
 
 
+def test_a_moment_over_the_weight_has_no_unit() -> None:
+    finding = drives_finding(0.034)
+    finding["proof"]["rows"][0] |= {"row": "bogie_moment", "unit": "1"}
+    end = "adding it takes the error of the bogie moment on unseen runs from 1.6 to 0.034."
+    assert opening(finding).endswith(end)
+
+
 def test_candidates_far_behind_the_best_are_excluded_with_their_odds() -> None:
     lines = excluded({"grousers": 0.9, "exit_angle": 0.009, "none": 0.0, "bulldozing": 0.09})
     assert lines == [

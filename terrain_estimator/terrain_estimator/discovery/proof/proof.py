@@ -402,7 +402,8 @@ def _series(
 ) -> tuple[SignalSeries, ...]:
     """Return every measured signal of the worst window, that which is missed most first."""
     window = int(before.misfit.view(-1, PIECE).sum(1).argmax())
-    missed = (before.error / before.sd).square().nanmean(0).nan_to_num(-1.0)
+    there = (before.error / before.sd).view(-1, PIECE, before.error.shape[-1])[window]
+    missed = there.square().nanmean(0).nan_to_num(-1.0)
     half = judged[int(windows.half[window])].blocks
     start = float(half.signals.time[int(windows.first[window]), 0])
     time = start + windows.step * (torch.arange(1, PIECE * BLOCK) - 0.5 * (BLOCK - 1))
