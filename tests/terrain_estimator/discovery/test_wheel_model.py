@@ -12,10 +12,8 @@ from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis
 from terrain_estimator.discovery.single_wheel.cells import (
     ROWS,
     Cells,
-    Rig,
     Row,
     cells_of,
-    wheel_alone,
 )
 from terrain_estimator.discovery.single_wheel.fit import WheelModel, explain
 from terrain_estimator.discovery.single_wheel.investigation import (
@@ -23,14 +21,8 @@ from terrain_estimator.discovery.single_wheel.investigation import (
     of_one_wheel,
     shown_by_one_wheel,
 )
-from terramechanics.presets import load_rover, load_soil
+from tests.terrain_estimator.testbeds import RIG
 
-RIG = Rig(
-    wheel_alone(load_rover("mars_rover"), 0.1, 0.08),
-    load_soil("loose_sand"),
-    (0.05,) * 5,
-    (1e-3, 1.0, 1.0, 0.1),
-)
 SINGLES = of_one_wheel(shown_by_one_wheel())
 LAWS = [*SINGLES, *(law for each in SINGLES for law in competing(each))]
 

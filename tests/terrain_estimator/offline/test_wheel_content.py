@@ -16,21 +16,15 @@ from terrain_estimator.discovery.hypotheses.library import (
     LibraryEffect,
     together,
 )
-from terrain_estimator.discovery.single_wheel.cells import Rig, Row, cells_of, wheel_alone
+from terrain_estimator.discovery.single_wheel.cells import Row, cells_of
 from terrain_estimator.discovery.single_wheel.families import Family, Weighed
 from terrain_estimator.discovery.single_wheel.fit import WheelModel, explain
 from terrain_estimator.discovery.single_wheel.investigation import WheelFinding, held_out
 from terrain_estimator.discovery.single_wheel.law_fits import ConstantsFree, LawFits
 from terrain_estimator.offline.wheel_finding_content import wheel_content
 from terramechanics.effects import describe
-from terramechanics.presets import load_rover, load_soil
+from tests.terrain_estimator.testbeds import RIG
 
-RIG = Rig(
-    wheel_alone(load_rover("mars_rover"), 0.1, 0.08),
-    load_soil("loose_sand"),
-    (0.05,) * 5,
-    (1e-3, 1.0, 1.0, 0.1),
-)
 ROWS = [Row("measured", "1", slip, 60.0, 0.5, 0.01, 5.0) for slip in (0.05, 0.2, 0.35, 0.5, 0.65)]
 NO_FITS = LawFits((), ConstantsFree({}, 0, 0), None, ())
 
