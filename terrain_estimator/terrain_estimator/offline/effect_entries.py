@@ -38,7 +38,11 @@ def effect_entries(
 def change_entry(change: Change) -> dict[str, Any]:
     """Return what an effect changes of one wheel, with the ends of 95 % intervals."""
     rows = {
-        name: dict(zip(("low", "median", "high"), ends, strict=True)) | {"unit": _UNITS[name]}
-        for name, ends in change.rows.items()
+        name: interval_entry(ends) | {"unit": _UNITS[name]} for name, ends in change.rows.items()
     }
     return {"slip": change.slip, "load_n": change.load, "rows": rows}
+
+
+def interval_entry(interval: tuple[float, float, float]) -> dict[str, float]:
+    """Return lower end, median and upper end of a 95 % interval."""
+    return dict(zip(("low", "median", "high"), interval, strict=True))

@@ -24,12 +24,11 @@ from terrain_estimator.discovery.single_wheel.free_law import UNITS_OF_CONSTANTS
 from terrain_estimator.discovery.single_wheel.investigation import FLOOR, HeldOut, WheelFinding
 from terrain_estimator.discovery.single_wheel.law_fits import (
     ConstantsMeasured,
-    Interval,
     LawFits,
 )
 from terrain_estimator.discovery.single_wheel.size import change
 from terrain_estimator.observation import Floats
-from terrain_estimator.offline.effect_entries import change_entry, effect_entries
+from terrain_estimator.offline.effect_entries import change_entry, effect_entries, interval_entry
 from terrain_estimator.pages.wheel_finding import undescribed
 
 NOT_IDENTIFIED = (
@@ -132,10 +131,13 @@ def _as_measured(fits: LawFits) -> dict[str, Any] | None:
     if found is None or not found.reliable:
         return None
     units = dict(zip(ROWS, UNITS, strict=True))
-    errors = {name: _ends(each) | {"unit": units[name]} for name, each in found.model_error.items()}
+    errors = {
+        name: interval_entry(each) | {"unit": units[name]}
+        for name, each in found.model_error.items()
+    }
     return {
-        "cohesion_pa": _ends(found.cohesion_pa),
-        "tan_phi": _ends(found.tan_phi),
+        "cohesion_pa": interval_entry(found.cohesion_pa),
+        "tan_phi": interval_entry(found.tan_phi),
         "model_error": errors,
         "rejected": [
             {
@@ -143,18 +145,13 @@ def _as_measured(fits: LawFits) -> dict[str, Any] | None:
                 "unit": UNITS_OF_CONSTANTS[each.name],
                 "measured": each.measured,
                 "measured_sd": each.measured_sd,
-                "fitted": _ends(each.fitted),
+                "fitted": interval_entry(each.fitted),
                 "deviations": each.deviations,
             }
             for each in fits.rejected
         ],
         "effective_draws": found.effective,
     }
-
-
-def _ends(interval: Interval) -> dict[str, float]:
-    """Return a 95 % interval and its median."""
-    return dict(zip(("low", "median", "high"), interval, strict=True))
 
 
 def _effects(

@@ -113,16 +113,13 @@ def effects_title(finding: Finding) -> str:
 def _asked(finding: Finding) -> dict[str, Any]:
     unsaid = {"rover": "", "soil": "", "other_soils": []}
     told = unsaid | dict(finding.get("asked") or {})
-    searched = {"runs": finding["runs"], "held_out": finding["held_out"]}
-    return (
-        told
-        | searched
-        | {
-            "library": library(finding),
-            "damaged": finding.get("damaged") or {},
-            "left_out": finding.get("left_out") or [],
-        }
-    )
+    return told | {
+        "runs": finding["runs"],
+        "held_out": finding["held_out"],
+        "library": library(finding),
+        "damaged": finding.get("damaged") or {},
+        "left_out": finding.get("left_out") or [],
+    }
 
 
 def library(finding: Finding) -> list[str]:

@@ -17,7 +17,7 @@ from terrain_estimator.discovery.hypotheses.library import (
     LibraryEffect,
     together,
 )
-from terrain_estimator.discovery.hypotheses.rows import nominal_of
+from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
 from terrain_estimator.discovery.hypotheses.unknowns import start_of
 from terrain_estimator.discovery.report.wheel_changes import wheel_changes
 from terrain_estimator.discovery.runs import Blocks, RecordedRun, cut
@@ -49,9 +49,11 @@ def single(name: str) -> Hypothesis:
     return Hypothesis((LibraryEffect(name),))
 
 
-def changed(hypothesis: Hypothesis, *values: float) -> list[Change | None]:
+def changed(
+    hypothesis: Hypothesis, *values: float, nominal: Nominal = NOMINAL
+) -> list[Change | None]:
     """Return the changes by a fit that found these values almost exactly."""
-    point = start_of([torch.zeros(2, dtype=torch.float64)], 0, NOMINAL.prior)
+    point = start_of([torch.zeros(2, dtype=torch.float64)], 0, nominal.prior)
     theta = torch.tensor([COHESION_PA / 1000.0, TAN_PHI], dtype=torch.float64)
     unknowns = dataclasses.replace(point.runs[0], theta=theta)
     there = dataclasses.replace(
@@ -59,7 +61,7 @@ def changed(hypothesis: Hypothesis, *values: float) -> list[Change | None]:
     )
     covariance = 1e-12 * torch.eye(len(values), dtype=torch.float64)
     fit = Fit(there, there, 0.0, 0.0, 0.0, covariance, (), 0, 0)
-    return wheel_changes(Candidate(hypothesis, fit), NOMINAL, [run()])
+    return wheel_changes(Candidate(hypothesis, fit), nominal, [run()])
 
 
 def test_lugs_pull_by_their_law_and_leave_the_sinkage() -> None:
@@ -86,7 +88,10 @@ def test_a_wheel_that_digs_sinks_deeper_and_a_wedge_pulls_less() -> None:
 def test_what_no_wheel_alone_shows_has_no_change() -> None:
     assert changed(single("drive_drag"), 0.2) == [None]
     scm = dataclasses.replace(NOMINAL, soil=dataclasses.replace(LOOSE, law="scm", c2=0.0))
-    point = start_of([torch.zeros(2, dtype=torch.float64)], 0, NOMINAL.prior)
-    there = dataclasses.replace(point, shared=torch.tensor([8.0, 0.0], dtype=torch.float64))
-    fit = Fit(there, there, 0.0, 0.0, 0.0, torch.eye(2, dtype=torch.float64), (), 0, 0)
-    assert wheel_changes(Candidate(single("grousers"), fit), scm, [run()]) == [None]
+    assert changed(single("grousers"), 8.0, 0.0, nominal=scm) == [None]
+
+
+def test_a_wheel_that_drowns_has_no_change() -> None:
+    """No depth of soil this soft carries the wheel: the end of the search is no equilibrium."""
+    soft = dataclasses.replace(NOMINAL, soil=dataclasses.replace(LOOSE, k_c=0.0, k_phi=2000.0))
+    assert changed(single("grousers"), 8.0, 0.0, nominal=soft) == [None]
