@@ -70,7 +70,9 @@ def _radius_error(
 
 
 def _resistance(effect: Effect, where: Situation, contact: ContactInputs, _drive: Drive) -> Pair:
-    return -_thrust(effect, where, contact), contact.sinkage**2
+    z, (cohesion, tan_phi) = contact.sinkage, contact.strength.unbind(-1)
+    plain = z * (0.75 * 0.02 * cohesion / 2000.0 + 0.25 * z * tan_phi / 0.58)
+    return -_thrust(effect, where, contact), plain
 
 
 def _lug_thrust(effect: Effect, where: Situation, contact: ContactInputs, drive: Drive) -> Pair:

@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 import torch
 
@@ -19,7 +18,7 @@ from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.training import law_of
 from terrain_estimator.model.effect_rows import EffectRows
 from terrain_estimator.model.effect_values import ValuePrior
-from terrain_estimator.model.effects import LAWS, laws_by_wheel, not_estimated
+from terrain_estimator.model.effects import LAWS, laws_apart, not_estimated
 from terrain_estimator.model.effects_by_wheel import EffectsByWheel
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.metadata import AddedEffect, Metadata, ModelFileError
@@ -109,7 +108,8 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpaca:
     plain, rover = restored(loaded), loaded.rover
     law = ScmStresses() if law_of(loaded.metadata.soils) == SCM else None
     rows = EffectRows([LAWS[name](rover) for name in names], rover.mass, law)
-    physics = PhysicsWithEffects(nominal_of(plain.physics), rows, value_prior(effects))
+    prior = value_prior(effects, laws_apart(None))
+    physics = PhysicsWithEffects(nominal_of(plain.physics), rows, prior)
     model = PAlpaca(physics, plain.net, plain.prior)
     model.hypotheses.load_state_dict(plain.hypotheses.state_dict())
     return model
@@ -128,13 +128,13 @@ def _by_wheel(loaded: LoadedModel, places: WheelPlaces, effects: Sequence[Sized]
             " need: give a model by wheel without --torque-gain-sd"
         )
     plain = build_model_by_wheel(rover, places, known.soils, known.prior)
-    others = laws_by_wheel(places)
-    laws = [others.get(each.name, describe(each.name).law)(rover) for each in effects]
+    apart = laws_apart(places)
+    laws = [apart.get(each.name, describe(each.name).law)(rover) for each in effects]
     acting = EffectsByWheel(laws, rover)
     constants = torch.stack([soil.constants() for soil in known.soils])
     by_wheel = physics_by_wheel(rover, places, constants, known.prior.constants_sd, acting)
     model = PAlpaca(
-        WheelsWithEffects(by_wheel, acting, value_prior(effects, others)),
+        WheelsWithEffects(by_wheel, acting, value_prior(effects, apart)),
         plain.net,
         plain.prior,
     )
@@ -142,12 +142,10 @@ def _by_wheel(loaded: LoadedModel, places: WheelPlaces, effects: Sequence[Sized]
     return model
 
 
-def value_prior(
-    effects: Sequence[Sized], others: Mapping[str, type[Law]] = MappingProxyType({})
-) -> ValuePrior:
+def value_prior(effects: Sequence[Sized], apart: Mapping[str, type[Law]]) -> ValuePrior:
     """Return the prior of the effects' values: of each its size, then its further values.
 
-    Those of laws that stand in ``others`` go with the size.
+    Those of laws that stand ``apart`` go with the size.
     """
     named = [LibraryEffect(effect.name) for effect in effects]
     library = Hypothesis(tuple(named)).shared()
@@ -159,8 +157,8 @@ def value_prior(
         # root of that deviation.
         root = max(each.law.value_of(effect.mean), each.law.value_of(effect.sd))
         sd[place] = effect.sd / each.law.slope(root)
-        if effect.name in others:
-            for number, further in enumerate(others[effect.name].extra, place + 1):
+        if effect.name in apart:
+            for number, further in enumerate(apart[effect.name].extra, place + 1):
                 sd[number] = further.sd * math.hypot(effect.mean, effect.sd)
                 low[number], high[number] = -4.0 * sd[number], 4.0 * sd[number]
         place += each.count

@@ -13,7 +13,7 @@ from terrain_estimator.discovery.evidence.soil_revision import RevisedStudy
 from terrain_estimator.discovery.evidence.verdict import Verdict
 from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.learning.adding import Sized, add_effects, restored
-from terrain_estimator.model.effects import laws_by_wheel
+from terrain_estimator.model.effects import laws_apart
 from terrain_estimator.model.metadata import (
     Metadata,
     ModelFileError,
@@ -32,7 +32,10 @@ ELSEWHERE = 0.3
 No effect keeps exactly to its named law.
 """
 BY_ANOTHER_LAW = 1.0
-"""[1] The same where the model has another law: cohesion up to doubles the thrust of lugs."""
+"""[1] The same where the model has another law.
+
+Cohesion up to doubles the thrust of lugs, and changes the resistance of a wedge as much.
+"""
 
 
 def check_model(model: str, rover: Rover) -> None:
@@ -111,7 +114,7 @@ def write_model(finding: Finding, rover: Rover, model: str, path: Path, new: Pat
 
 def priors(sizes: Sequence[tuple[str, float, float]], places: WheelPlaces | None) -> list[Sized]:
     """Return the priors of effects with these sizes and deviations, of wheels at ``places``."""
-    apart = dict.fromkeys(laws_by_wheel(places), BY_ANOTHER_LAW)
+    apart = dict.fromkeys(laws_apart(places), BY_ANOTHER_LAW)
     return [
         Sized(name, size, math.hypot(sd, apart.get(name, ELSEWHERE) * size))
         for name, size, sd in sizes

@@ -5,6 +5,7 @@
 from terramechanics.effects import EFFECTS
 from terramechanics.effects.grousers import BlendedGrousers
 from terramechanics.effects.law import Law
+from terramechanics.effects.soil import BlendedBulldozing
 from terramechanics.vehicle.wheel_places import WheelPlaces
 
 ASIDE = "lateral_bulldozing"
@@ -31,15 +32,23 @@ NOT_ONLINE_BY_WHEEL = {
     "payload": "its models have one mass: give the loaded mass in the rover file instead",
 }
 """Effects that models by wheel cannot have beside NOT_ONLINE, and why."""
-STEERED_LAWS: dict[str, type[Law]] = {"grousers": BlendedGrousers}
-"""Laws of models by wheel of steered rovers in place of the registry's, with as many values.
+LAWS_OF_MODELS: dict[str, type[Law]] = {"bulldozing": BlendedBulldozing}
+"""Laws of models in place of the registry's, with as many values.
 
-The deviations of further values are shares of the size. Steered wheels slip by so little that the
-two values of the registry's grousers do not show apart, and a thrust that grows with the load ties
-its size to c and tan(phi). So here the size is the thrust with what load and cohesion give.
+The deviations of further values are shares of the size. A force that goes with c and tan(phi) ties
+its size to them.
 """
-LAWS = {name: effect.law for name, effect in EFFECTS.items() if name not in NOT_ONLINE}
-"""Laws of the effects that a model can have, by the registry's names."""
+STEERED_LAWS: dict[str, type[Law]] = LAWS_OF_MODELS | {"grousers": BlendedGrousers}
+"""The same of models by wheel of steered rovers.
+
+Their wheels slip by so little that the two values of the registry's grousers do not show apart, and
+a thrust that grows with the load ties its size to c and tan(phi). So here the size is the thrust
+with what load and cohesion give.
+"""
+LAWS = {
+    name: effect.law for name, effect in EFFECTS.items() if name not in NOT_ONLINE
+} | LAWS_OF_MODELS
+"""Laws of the effects that a model by axle can have, by the registry's names."""
 
 
 def not_estimated(*, by_wheel: bool) -> dict[str, str]:
@@ -49,6 +58,9 @@ def not_estimated(*, by_wheel: bool) -> dict[str, str]:
     return {name: why for name, why in NOT_ONLINE.items() if name != ASIDE} | NOT_ONLINE_BY_WHEEL
 
 
-def laws_by_wheel(places: WheelPlaces | None) -> dict[str, type[Law]]:
-    """Return the laws that are not the registry's in a model of wheels at ``places``, if any."""
-    return STEERED_LAWS if places is not None and places.steered else {}
+def laws_apart(places: WheelPlaces | None) -> dict[str, type[Law]]:
+    """Return the laws that are not the registry's in a model of wheels at ``places``.
+
+    ``places`` is None of a model by axle.
+    """
+    return STEERED_LAWS if places is not None and places.steered else LAWS_OF_MODELS

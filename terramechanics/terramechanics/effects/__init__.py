@@ -99,16 +99,17 @@ EFFECTS = {
         Description(
             name="bulldozing",
             sentence=(
-                "A sunken wheel pushes a wedge of soil ahead of it, which resists with the square "
-                "of the depth."
+                "A sunken wheel pushes a wedge of soil ahead of it, which resists with the depth "
+                "by cohesion and with its square by friction."
             ),
             coefficient="bulldozing_n_per_m2",
             unit="N/m^2",
             low=0.0,
             high=2e5,
             rows=("velocity", "acceleration", "load", "drawbar_pull"),
-            source="Bekker 1969; Gee-Clough 1976: resistance from z to z^2",
-            law=soil.Bulldozing,
+            source="Rankine 1857; Bekker 1969; Gee-Clough 1976: resistance from z to z^2",
+            law=soil.PassiveBulldozing,
+            of_one_wheel=soil.Bulldozing,
             competing=(
                 Competing(
                     name="hegedus_wedge",

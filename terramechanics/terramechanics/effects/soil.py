@@ -27,6 +27,10 @@ REFERENCE_SPEED = 0.1
 """[m/s] Circumferential speed at which the soil constants hold."""
 SPINS = 0.05
 """[1] Share of the rim's speed below which a wheel that hardly moves on pushes less soil."""
+WEDGE_DEPTH, USUAL_COHESION, USUAL_FRICTION = 0.02, 2000.0, 0.58
+"""[m], [Pa], [1] Depth and strength of the ground at which the size of a wedge holds."""
+WEDGE_COHESIVE = 0.75
+"""[1] Expected share of cohesion in the resistance of a wedge there."""
 SOFTEST = 0.05
 """[1] Least stiffness of a rut, of that of the undisturbed soil."""
 
@@ -44,6 +48,68 @@ class Bulldozing(Law):
     def added_force(self, inputs: ContactInputs, values: Tensor) -> AddedForce | None:
         """Return the resistance of the wedge; ``values`` in [N/m^2]."""
         return resisting(values * inputs.sinkage**2, inputs.slip, self.spins)
+
+
+class PassiveBulldozing(Law):
+    """T - F, by the passive pressure of the ground's own strength.
+
+    ::
+
+        F = size z (d z_0 c / c_0 + (1 - d) z tan(phi) / tan(phi_0)),    d = WEDGE_COHESIVE + value
+
+    of the extra value, with z_0 = WEDGE_DEPTH, c_0 = USUAL_COHESION, tan(phi_0) = USUAL_FRICTION.
+    d is the share of cohesion in the force on usual soil at z_0, where the size [N/m^2] is F /
+    z_0^2.
+
+    On a wall of depth z Rankine's pressure is 2 c sqrt(K_p) z by cohesion and gamma K_p z^2 / 2 by
+    weight: d is 0.94 where gamma is 15 kN/m^3. A heap ahead of the wheel, or remoulded soil, has
+    less. K_p is 3 tan(phi) / tan(phi_0) within 15 % where tan(phi) is 0.3 to 1; sqrt(K_p), 23 %
+    less to 39 % more there than at phi_0, counts as constant.
+    """
+
+    extra: ClassVar[tuple[ExtraValue, ...]] = (
+        ExtraValue("share of cohesion 2 cm deep in usual soil, less 0.75", "1", 0.25),
+    )
+
+    def __init__(self, rover: Rover, axle: int | None = None) -> None:
+        super().__init__(rover, axle)
+        self.spins, self.share = SPINS, WEDGE_COHESIVE
+        self.cohesion, self.friction = WEDGE_DEPTH / USUAL_COHESION, USUAL_FRICTION
+
+    def under_load(self, forces: Tensor, inputs: ContactInputs, values: Tensor) -> Tensor:
+        """Take the resistance from the traction; ``values[:, 0]`` in [N/m^2]."""
+        z, share = inputs.sinkage, self.share + values[:, 1:]
+        rolls = ((1.0 - inputs.slip) / self.spins).clamp(0.0, 1.0)
+        wedge = values[:, :1] * z * rolls
+        by_cohesion = share * self.cohesion * wedge
+        by_friction = (1.0 - share) * z / self.friction * wedge
+        force = torch.stack([by_cohesion, by_friction, torch.zeros_like(by_friction)], -1)
+        traction = forces[..., 1:2, :] - force.unsqueeze(-2)
+        return torch.cat([forces[..., :1, :], traction, forces[..., 2:, :]], -2)
+
+
+class BlendedBulldozing(Law):
+    """T - z (size (d z_0 + (1 - d) z) + v (z_0 - z)): linear in both values [N/m^2].
+
+    With d = WEDGE_COHESIVE and z_0 = WEDGE_DEPTH that is what :class:`PassiveBulldozing` has in
+    usual soil; v is size times the value there. A filter that expands the products of size, share
+    and strength anew every second takes the wedge for strength. In other soil the size is the
+    resistance there, F / z_0^2 at z_0.
+    """
+
+    extra: ClassVar[tuple[ExtraValue, ...]] = (
+        ExtraValue("resistance of more cohesion at a depth of 2 cm", "of the size", 0.25),
+    )
+
+    def __init__(self, rover: Rover, axle: int | None = None) -> None:
+        super().__init__(rover, axle)
+        self.spins, self.share, self.depth = SPINS, WEDGE_COHESIVE, WEDGE_DEPTH
+
+    def added_force(self, inputs: ContactInputs, values: Tensor) -> AddedForce | None:
+        """Return the resistance of the wedge; ``values`` in [N/m^2]."""
+        z = inputs.sinkage
+        size = values[:, :1] * (self.share * self.depth + (1.0 - self.share) * z)
+        return resisting(z * (size + values[:, 1:] * (self.depth - z)), inputs.slip, self.spins)
 
 
 def resisting(wedge: Tensor, slip: Tensor, spins: float) -> AddedForce:

@@ -38,7 +38,7 @@ from terrain_estimator.learning.adding import Sized, add_effects
 from terrain_estimator.learning.finding_model import priors
 from terrain_estimator.learning.observing import observed
 from terrain_estimator.model.body_motion import body_motion, safe_motion
-from terrain_estimator.model.effects import laws_by_wheel
+from terrain_estimator.model.effects import laws_apart
 from terrain_estimator.model.loaded import LoadedModel
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.physics_of_wheels import physics_by_wheel
@@ -47,6 +47,7 @@ from terrain_estimator.model.rows import values_alone
 from terrain_estimator.model.rows_beside import of_slopes
 from terramechanics.effects import describe
 from terramechanics.effects.grousers import BlendedGrousers
+from terramechanics.effects.soil import BlendedBulldozing
 from terramechanics.vehicle.wheel_places import chassis_places, wheel_order
 from tests import turning_hidden
 from tests.hidden.vehicle import DryBearing
@@ -222,15 +223,18 @@ def test_an_effect_whose_law_may_be_another_leaves_a_sharp_estimate_unconfirmed(
     assert last.unconfirmed == why
 
 
-def test_only_models_of_steered_rovers_have_another_law_of_lugs() -> None:
-    assert laws_by_wheel(None) == laws_by_wheel(SKID.places) == {}
-    assert laws_by_wheel(STEERED.places) == {"grousers": BlendedGrousers}
-    sizes = [("grousers", 5.0, 1.0), ("drive_drag", 0.2, 0.04)]
+def test_models_have_a_law_of_wedges_and_those_of_steered_rovers_one_of_lugs() -> None:
+    for places in (None, SKID.places):
+        assert laws_apart(places) == {"bulldozing": BlendedBulldozing}
+    blended = {"bulldozing": BlendedBulldozing, "grousers": BlendedGrousers}
+    assert laws_apart(STEERED.places) == blended
+    sizes = [("grousers", 5.0, 1.0), ("drive_drag", 0.2, 0.04), ("bulldozing", 5e3, 1e3)]
     # beside the fit's: 30 % of the size, where the law is another all of it
-    for turning, share in ((SKID, 0.3), (STEERED, 1.0)):
-        lugs, drag = priors(sizes, turning.places)
+    for places, share in ((None, 0.3), (SKID.places, 0.3), (STEERED.places, 1.0)):
+        lugs, drag, wedge = priors(sizes, places)
         assert lugs.sd == pytest.approx(math.hypot(1.0, share * 5.0))
         assert drag.sd == pytest.approx(math.hypot(0.04, 0.3 * 0.2))
+        assert wedge.sd == pytest.approx(math.hypot(1e3, 5e3))
 
 
 def test_lugs_on_steered_wheels_do_not_lead_a_model_with_grousers_astray(

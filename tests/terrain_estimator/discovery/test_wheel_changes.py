@@ -78,7 +78,8 @@ def test_lugs_pull_by_their_law_and_leave_the_sinkage() -> None:
 
 
 def test_a_wheel_that_digs_sinks_deeper_and_a_wedge_pulls_less() -> None:
-    digs, wedge = changed(together(single("slip_sinkage"), single("bulldozing")), 0.3, 0.0, 4e4)
+    both = together(single("slip_sinkage"), single("bulldozing"))
+    digs, wedge = changed(both, 0.3, 0.0, 4e4, 0.0)
     assert digs is not None
     assert wedge is not None
     assert digs.rows["sinkage"][0] > 0.0

@@ -86,6 +86,7 @@ def test_the_other_unknowns_of_effects_have_the_deviations_of_their_documentatio
     found = {name: [extra.sd for extra in law.extra] for name, law in LAWS.items() if law.extra}
     assert found == {
         "slope_bias": [0.5],
+        "bulldozing": [0.25],
         "grousers": [0.7],
         "slip_sinkage": [0.5],
         "multipass": [0.5],
@@ -111,14 +112,14 @@ def test_the_velocity_row_has_its_change_by_a_deviation_of_each_value_behind_it(
     contact = nominal_of(physics).nominal_contact(0)
     view = view_of(with_rates(observations())[3], AXLES)
     known = physics.uncertain_constants
-    start = torch.zeros(known + 3, dtype=torch.float64)
+    start = torch.zeros(known + 4, dtype=torch.float64)
 
     def row(deviations: torch.Tensor) -> torch.Tensor:
         return physics.drive_row(view, contact.constants, contact.varied, deviations)
 
     found = row(start)
-    assert found.shape == (1 + known + 3, 3)
-    for value, moves in enumerate([True, True, False]):  # the accelerometer is in another row
+    assert found.shape == (1 + known + 4, 3)
+    for value, moves in enumerate([True, True, True, False]):  # the accelerometer: another row
         away = start.clone()
         away[known + value] = 1e-3
         change = 1e3 * (row(away)[0] - found[0])
@@ -130,10 +131,10 @@ def test_the_velocity_row_of_an_effect_of_size_zero_is_the_nominal_one() -> None
     physics = with_effects(LOADED, [Sized("bulldozing", 0.0, 1e4)]).physics
     contact = nominal_of(physics).nominal_contact(0)
     view = view_of(with_rates(observations())[3], AXLES)
-    deviations = torch.zeros(physics.uncertain_constants + 1, dtype=torch.float64)
+    deviations = torch.zeros(physics.uncertain_constants + 2, dtype=torch.float64)
     found = physics.drive_row(view, contact.constants, contact.varied, deviations)
     nominal = drive_row(view.slip, view.sinkage, view.contact_angle, contact)
-    torch.testing.assert_close(found[:-1], nominal, rtol=1e-9, atol=1e-12)
+    torch.testing.assert_close(found[:-2], nominal, rtol=1e-9, atol=1e-12)
 
 
 def test_what_sensors_and_drives_do_is_undone_from_an_observation() -> None:

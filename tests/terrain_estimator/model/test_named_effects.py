@@ -31,6 +31,7 @@ from terrain_estimator.observation import Observation
 from terrain_estimator.update import Estimate, Update
 from terramechanics.effects import EFFECTS, describe, make_effect
 from terramechanics.effects.simulated import SimulatedEffect
+from terramechanics.effects.soil import USUAL_COHESION, USUAL_FRICTION
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.sample import Drive
 from terramechanics.simulation.sensors import Noise, measure_drive
@@ -74,7 +75,10 @@ def plain() -> LoadedModel:
 def driven(model: LoadedModel, name: str, size: float, seconds: float, seed: int = 3) -> Drive:
     """Return an S1 drive on the model's first soil with the library's law."""
     generator = torch.Generator().manual_seed(seed)
-    ground = Ground.constant(model.metadata.soils[0])
+    soil = model.metadata.soils[0]
+    if name == "bulldozing":  # in usual soil its law is the model's
+        soil = soil.with_values(cohesion=USUAL_COHESION, tan_phi=USUAL_FRICTION)
+    ground = Ground.constant(soil)
     return simulate(
         model.rover, ground, "S1", seconds, generator, 1, plant=Plant([make_effect(name, size)])
     )

@@ -17,6 +17,7 @@ from terramechanics.effects import describe, make_effect
 from terramechanics.effects.soil import side_resistance
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import ContactInputs, Situation
+from tests.terramechanics.effects.wedge import resistance
 
 RADIUS, WIDTH, SINKAGE = 0.13, 0.16, 0.02
 SOIL = load_soil("loose_sand")
@@ -169,7 +170,7 @@ def test_lateral_bulldozing_adds_to_the_lateral_force_alone_and_nothing_straight
         )
         assert float(added[3]) == pytest.approx(math.sin(angle) * side, rel=1e-9)
         pulled = (make_effect("bulldozing", 1e4).push(where, contact, forces) - forces)[0, 0]
-        assert pulled.tolist() == pytest.approx([0.0, -1e4 * SINKAGE**2, 0.0, 0.0])
+        assert pulled.tolist() == pytest.approx([0.0, -resistance(1e4, SINKAGE, SOIL), 0.0, 0.0])
     straight = ContactInputs(none, none + SINKAGE, SOIL.constants(), SOIL.strength())
     forces = straight.forces(rover.wheel_radius, rover.wheel_width, quadrature())
     assert torch.equal(effect.push(where, straight, forces), forces)

@@ -25,6 +25,10 @@ from terramechanics.effects.sensing import SHALLOWEST, OdometryScale, SinkageBia
 from terramechanics.effects.soil import (
     REFERENCE_SPEED,
     SOFTEST,
+    USUAL_COHESION,
+    USUAL_FRICTION,
+    WEDGE_DEPTH,
+    BlendedBulldozing,
     Bulldozing,
     DugSinkage,
     ExitAngle,
@@ -49,6 +53,7 @@ from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.soil import CONSTANTS
 from terramechanics.vehicle.suspension import BodyLoad
+from tests.terramechanics.effects.wedge import resistance
 
 ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")
 AXLES = ROVER.axles
@@ -279,7 +284,7 @@ def test_uneven_radii_have_their_error_in_the_middle() -> None:
 def test_forces_are_changed_in_the_direction_in_which_the_effect_pushes() -> None:
     where, forces = situation(), torch.arange(24.0, dtype=torch.float64).view(2, 3, 4)
     pushed = make_effect("bulldozing", 3e4).push(where, contact(sinkage=0.02), forces) - forces
-    expected = torch.tensor([0.0, -12.0, 0.0, 0.0], dtype=torch.float64)
+    expected = number(0.0, -resistance(3e4, 0.02, SOIL), 0.0, 0.0)
     torch.testing.assert_close(pushed, expected.expand(2, 3, 4))
     lugs = make_effect("grousers", 50.0).push(where, contact(), forces) - forces
     area = ROVER.wheel_width * ROVER.wheel_radius * math.acos(1.0 - 0.015 / ROVER.wheel_radius)
@@ -290,7 +295,59 @@ def test_forces_are_changed_in_the_direction_in_which_the_effect_pushes() -> Non
     torch.testing.assert_close(lugs, wanted)
     sizes = number(1e4, 2e4)
     each = make_effect("bulldozing", sizes).push(where, contact(sinkage=0.01), forces) - forces
-    torch.testing.assert_close(each[:, :, 1], number(-1.0, -2.0)[:, None].expand(2, 3))
+    wanted = number(-resistance(1e4, 0.01, SOIL), -resistance(2e4, 0.01, SOIL))
+    torch.testing.assert_close(each[:, :, 1], wanted[:, None].expand(2, 3))
+
+
+@pytest.mark.parametrize(("more", "sinkage"), [(0.0, 0.01), (-0.35, 0.03), (0.25, 0.01)])
+def test_a_wedge_resists_by_cohesion_with_the_depth_and_by_friction_with_its_square(
+    more: float, sinkage: float
+) -> None:
+    forces = torch.zeros(2, AXLES, 4, dtype=torch.float64)
+    soil = SOIL.with_values(cohesion=3000.0, tan_phi=0.4)
+    inputs = contact(sinkage=sinkage)._replace(strength=soil.strength())
+    pushed = describe("bulldozing").acting(values(1e4, more)).push(situation(), inputs, forces)
+    wanted = number(0.0, -resistance(1e4, sinkage, soil, 0.75 + more), 0.0, 0.0)
+    torch.testing.assert_close(pushed, wanted.expand(2, AXLES, 4))
+
+
+def test_the_size_of_a_wedge_is_its_resistance_2_cm_deep_in_usual_soil() -> None:
+    inputs = contact(sinkage=WEDGE_DEPTH)._replace(strength=number(USUAL_COHESION, USUAL_FRICTION))
+    forces = torch.zeros(2, AXLES, 3, dtype=torch.float64)
+    for more in (-1.0, 0.0, 0.25):
+        wedge = describe("bulldozing").acting(values(1e4, more))
+        pushed = wedge.push(situation(), inputs, forces)[..., 1]
+        torch.testing.assert_close(pushed, torch.full_like(pushed, -1e4 * WEDGE_DEPTH**2))
+
+
+@pytest.mark.parametrize(("slip", "share"), [(-0.3, 1.0), (0.94, 1.0), (0.975, 0.5), (1.0, 0.0)])
+def test_a_wheel_that_only_spins_pushes_no_wedge(slip: float, share: float) -> None:
+    forces = torch.zeros(2, AXLES, 3, dtype=torch.float64)
+    pushed = make_effect("bulldozing", 1e4).push(situation(), contact(slip), forces)[..., 1]
+    wanted = torch.full_like(pushed, -share * resistance(1e4, 0.015, SOIL))
+    torch.testing.assert_close(pushed, wanted)
+
+
+def test_a_blended_wedge_is_that_of_usual_soil_and_linear_in_both_values() -> None:
+    law = BlendedBulldozing(ROVER)
+
+    def traction(sinkage: float, size: float, cohesive: float) -> float:
+        added = law.added_force(contact(sinkage=sinkage), values(size, cohesive))
+        assert added is not None
+        return float(added.traction[0, 0])
+
+    usual = SOIL.with_values(cohesion=USUAL_COHESION, tan_phi=USUAL_FRICTION)
+    for sinkage in (0.005, 0.02, 0.04):
+        wanted = -resistance(1e4, sinkage, usual, 0.75 - 0.3)
+        assert traction(sinkage, 1e4, -3e3) == pytest.approx(wanted)
+        parts = traction(sinkage, 1e4, 0.0) + traction(sinkage, 0.0, -3e3)
+        assert parts == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("tan_phi", [0.3, 0.45, 0.58, 0.8, 1.0])
+def test_passive_pressure_goes_with_tan_phi_within_15_percent(tan_phi: float) -> None:
+    root = tan_phi + math.sqrt(1.0 + tan_phi**2)
+    assert 3.0 * tan_phi / USUAL_FRICTION == pytest.approx(root**2, rel=0.15)
 
 
 def test_the_side_of_a_wheel_pushes_against_its_slip_angle_and_not_straight_ahead() -> None:
