@@ -33,7 +33,7 @@ from tests.hidden.judge.strata import (
     rover_batches,
 )
 
-FROZEN = "884d025fa0aeda28737e1a6aa928bc9a1d605021"
+FROZEN = "db20c94ee50f5270bbf4b428d5436c70eed56dbc"
 """Commit after which nothing that decides a verdict was changed."""
 ROVER_FROZEN = "81280528e1295a926dee41e80f8b84e52e6973b9"
 """Commit that froze the rule for such cases. Younger are what FROZEN froze, and slip_sinkage."""
