@@ -114,7 +114,7 @@ class Motion:
 def hidden_effect(name: str, rover: Rover) -> BodyPlant:
     """Return an effect of the library at a size that shows on the rover.
 
-    Forces of it are then a twentieth of a wheel's load.
+    Forces of it are then about a twentieth of a wheel's load.
     """
     force = SHOWS * rover.weight / len(rover.wheels)
     area = rover.wheel_radius * rover.wheel_width
