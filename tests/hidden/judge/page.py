@@ -78,8 +78,8 @@ no file, and cases in which nothing is hidden and all is told rightly.
 The rule of the verdict was frozen by commit {frozen}, whose
 first eight digits are the seed of these cases. Cases of earlier rules are in the history of this
 page. All families advance in step, so that those done are a sample of all; those of nothing are
-examined by themselves. "No drive" means that every observation of the analysed drives was refused: the
-command says so and has no verdict. {examined}
+examined by themselves. "No drive" means that every observation of the analysed drives was
+refused: the command says so and has no verdict. {examined}
 
 """
 
