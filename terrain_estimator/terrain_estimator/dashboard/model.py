@@ -7,6 +7,7 @@ It needs constant memory, and has no clock and no ROS.
 
 import json
 import math
+from collections import deque
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -33,10 +34,13 @@ A bag that loops may be short, and topics of one instant are not this far apart.
 """
 TIMED = ("terrain_estimate", "wheel_slip", "wheel_sinkage", "odom")
 """Topics whose stamps are times of measurement."""
+LATE = 5
+"""Number of instants that wait for their last message, since topics keep no order among them."""
 
 _BOUNDS = ("", "_lower_95", "_lower_68", "_upper_68", "_upper_95")
 _ESTIMATED = tuple(f"{name}{bound}" for name in ("cohesion", "tan_phi") for bound in _BOUNDS)
 _PLACE = ("x", "y", "z", "velocity")
+_TRUTH = "ground_truth/terrain"  # published once
 _WORST = ("change_probability", "outcome", "health")
 
 
@@ -48,6 +52,14 @@ class Cursor:
     recent: int = 0
     whole: int = 0
     journal: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """Values of the topics at one stamp [s]."""
+
+    stamp_s: float
+    values: dict[str, Values]
 
 
 class LiveModel:
@@ -86,6 +98,8 @@ class LiveModel:
         self._whole = ChartHistory(period_s, points, whole=True, worst=worst, mean=mean)
         self._journal = Journal()
         self._stamp_s = self._origin_s = math.nan
+        self._stamps_s: dict[str, float] = {}  # newest stamp of each timed topic
+        self._waiting: deque[Instant] = deque()
         self._jumps = 0
         self._generation += 1
 
@@ -96,25 +110,28 @@ class LiveModel:
         IndexError.
         """
         values = TOPICS[topic][1](message)
-        if topic in TIMED:
-            self._advance(stamp_ns(message) * 1e-9, now_s)
         if topic == "wheel_slip" and tuple(values["wheel"]) != self._wheels:
             self._wheels = tuple(values["wheel"])
             self._begin()
-            self._advance(stamp_ns(message) * 1e-9, now_s)
+        if topic in TIMED and self._advance(stamp_s := stamp_ns(message) * 1e-9, now_s):
+            self._stamps_s[topic] = stamp_s
+            for instant in self._waiting:
+                if instant.stamp_s >= stamp_s:
+                    instant.values[topic] = values
         self._now[topic], self._received_s[topic] = values, now_s
+        self._complete(now_s)
         self.revision += 1
         if not math.isnan(self._stamp_s):
             for each in reported_states(topic, values):
                 self._journal.see(each.lane, each.state, self._stamp_s, each.level, each.text)
 
-    def _advance(self, stamp_s: float, now_s: float) -> None:
-        """Complete the row of the previous instant when a later stamp arrives."""
+    def _advance(self, stamp_s: float, now_s: float) -> bool:
+        """Let the present instant wait when a later stamp arrives; return False for a wild one."""
         step_s = 0.0 if math.isnan(self._stamp_s) else stamp_s - self._stamp_s
         if step_s > JUMP_S or step_s < -BACK_S:
             self._jumps += 1
             if self._jumps < RESTART_AFTER:
-                return
+                return False
             if step_s < 0.0:
                 self._begin()
                 self._journal.write(
@@ -126,21 +143,38 @@ class LiveModel:
         if math.isnan(self._stamp_s):
             self._stamp_s = self._origin_s = stamp_s
         elif step_s > 0.0:
-            row = self._row(now_s)
+            values = {
+                topic: self._now[topic]
+                for topic in self._now
+                if topic == _TRUTH or self._is_fresh(topic, now_s)
+            }
+            self._waiting.append(Instant(self._stamp_s, values))
+            self._stamp_s = stamp_s
+        return True
+
+    def _is_fresh(self, topic: str, now_s: float) -> bool:
+        return now_s - self._received_s[topic] < STALE_S
+
+    def _complete(self, now_s: float) -> None:
+        """Make rows of the instants that every topic has passed, and of those that wait too long.
+
+        A topic that is not heard any more is not waited for.
+        """
+        reached = min(
+            (at for topic, at in self._stamps_s.items() if self._is_fresh(topic, now_s)),
+            default=math.inf,
+        )
+        while self._waiting and (len(self._waiting) > LATE or self._waiting[0].stamp_s < reached):
+            row = self._row(self._waiting.popleft())
             self._recent.add(row)
             self._whole.add(row)
-            self._stamp_s = stamp_s
 
-    def _row(self, now_s: float) -> Row:
-        fresh = {
-            topic: values
-            for topic, values in self._now.items()
-            if now_s - self._received_s[topic] < STALE_S
-        }
-        estimate, place, health = (
-            fresh.get(topic, {}) for topic in ("terrain_estimate", "odom", "estimator_health")
+    def _row(self, instant: Instant) -> Row:
+        known = instant.values
+        estimate, place, health, truth = (
+            known.get(topic, {})
+            for topic in ("terrain_estimate", "odom", "estimator_health", _TRUTH)
         )
-        truth = self._now.get("ground_truth/terrain", {})  # published once
         values = [estimate.get(name) for name in (*_ESTIMATED, "change_probability")]
         values += [
             Outcome[estimate["outcome"]] if estimate else None,
@@ -152,11 +186,11 @@ class LiveModel:
             truth.get("tan_phi"),
         ]
         for topic, name in (("wheel_slip", "slip"), ("wheel_sinkage", "sinkage")):
-            measured = fresh.get(topic, {"wheel": (), name: ()})
+            measured = known.get(topic, {"wheel": (), name: ()})
             by_wheel = dict(zip(measured["wheel"], measured[name], strict=False))
             values += [by_wheel.get(wheel) for wheel in self._wheels]
         return (
-            round(self._stamp_s - self._origin_s, 3),
+            round(instant.stamp_s - self._origin_s, 3),
             *(None if value is None else float(f"{value:.7g}") for value in values),
         )
 

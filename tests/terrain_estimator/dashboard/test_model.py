@@ -74,6 +74,23 @@ def test_values_of_now_and_rows_are_those_of_the_topics() -> None:
     assert column(answer, "cohesion", "whole") == column(answer, "cohesion")
 
 
+def test_rows_are_of_one_instant_though_a_topic_lags_behind_the_others() -> None:
+    model = LiveModel("one", ShownConfig(window_s=10.0, points=100))
+    drive(model, range(10))
+    for step in range(10, 60):  # the estimate of an instant comes after the next slip, or later
+        for topic, message in measured(make, step):
+            model.take(topic, message, 0.1 * step)
+        if (late := step - 1 - step % 3) >= 10:
+            model.take("terrain_estimate", estimate(make, late), 0.1 * step)
+    answer = all_of(model)
+    assert len(answer["recent"]) > 50
+    steps = np.round(10.0 * np.array(column(answer, "time"))).astype(int)
+    assert column(answer, "slip_2") == pytest.approx(0.12 + 1e-4 * steps)
+    given = {step - 1 - step % 3 for step in range(10, 60)} | set(range(10))
+    newest = [max(each for each in given if each <= step) for step in steps]
+    assert column(answer, "cohesion") == [1500.0 + each for each in newest]
+
+
 def test_the_inner_band_holds_68_percent_and_ends_at_zero() -> None:
     model = LiveModel("one", ShownConfig())
     model.take("terrain_estimate", estimate(make, 0, cohesion=50.0, cohesion_stddev=100.0), 0.0)
