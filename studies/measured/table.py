@@ -51,7 +51,8 @@ HELD_OUT = """## Errors on settings that were held out
 Root mean square errors. Each setting is held out in turn.
 
 - **before**: the contact law, with effects that the reference alone lacks.
-- **after**: with the effect that is named; "-" where none is.
+- **after**: with the effect that is named, or that was named and withdrawn because
+  held-out settings did not improve; "-" where there was none.
 - **kernel**: the Bekker-Wong kernel, which is the contact law with the measured constants, c and
   tan phi, and no fit. For CMU those are mostly assumed.
 - **Bekker**: Bekker's sinkage and resistance of a rigid wheel with Janosi's thrust, of the same

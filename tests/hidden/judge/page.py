@@ -30,6 +30,8 @@ Written by `make hidden`: run it again, do not edit.
 
 How often does `find_missing_effect` name a hidden effect correctly, and how often does it name one
 where nothing is hidden? {done} of the {wanted} cases that were asked for are done.
+Where the line above says that the code has changed, these figures are of an older rule; for the
+present one see [conditions drawn at random](#conditions-drawn-at-random).
 
 - [discovery.md](discovery.md) explains how a verdict is found, [effects.md](effects.md) the effects
   and the size at which each matters. The hidden laws are in [tests/hidden](../tests/hidden); they
@@ -61,7 +63,8 @@ FIELD_HEADING = "## Conditions drawn at random\n"
 FIELD = """
 {measured}
 
-**{done} of the {wanted} cases are done.** All are simulated. Conditions are drawn for each case:
+**{done} of the {wanted} cases are done.** All are simulated; 400 of those wanted hide nothing.
+Conditions are drawn for each case:
 
 | condition | drawn from |
 |---|---|
